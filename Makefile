@@ -1,0 +1,21 @@
+PYTHON ?= python3
+VENV ?= .venv
+
+.PHONY: demo test lint clean
+demo: $(VENV)/.installed
+	$(VENV)/bin/foldlab quickstart
+
+test: $(VENV)/.installed
+	$(VENV)/bin/python -m pytest -n 2
+
+lint: $(VENV)/.installed
+	$(VENV)/bin/ruff check .
+	$(VENV)/bin/ruff format --check .
+
+$(VENV)/.installed: pyproject.toml
+	$(PYTHON) -m venv $(VENV)
+	$(VENV)/bin/python -m pip install --quiet --editable ".[dev]"
+	touch $@
+
+clean:
+	rm -rf $(VENV) out
