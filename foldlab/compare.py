@@ -1,0 +1,94 @@
+"""Models side by side on the same labels: what accuracy costs in labels, seconds and size."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterable
+from dataclasses import dataclass
+from typing import Any
+
+import pandas as pd
+
+from foldlab.classify import as_labels, make_classifier, model_size, score
+from foldlab.design import DesignSpace
+from foldlab.errors import InputError
+
+# Accuracy on 1000 test designs after 6000 labels (symbolic regression: 2000), §4.7.1–4.7.3.
+DISSERTATION = {"tree": 0.962, "symbolic": 0.76, "dissertation": 0.977}
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """``rows``: one dict per model; ``models``: the fitted models by name."""
+
+    rows: list[dict[str, Any]]
+    models: dict[str, Any]
+
+
+def compare(
+    names: Iterable[str],
+    space: DesignSpace,
+    train: pd.DataFrame,
+    test: pd.DataFrame,
+    fresh: pd.DataFrame,
+    *,
+    seed: int,
+    options: dict[str, dict] | None = None,
+    symbolic_labels: int = 2000,
+) -> Comparison:
+    """Train each model on ``train``; score it on ``test`` and on ``fresh``.
+
+    The tables hold the groups and ``foldable``, and ``normalised_angle`` where the symbolic model
+    takes part: it learns from the first ``symbolic_labels`` rows. ``options`` maps a model's name to
+    its settings. Columns of a row: model, accuracy (on ``test``) and its 95 % interval,
+    accuracy_fresh, false_positive_rate (on ``fresh``), train_seconds, seconds_per_million, labels,
+    size, size_unit, dissertation.
+    """
+    rows, models = [], {}
+    for name in names:
+        table = train.head(symbolic_labels) if name == "symbolic" else train
+        start = time.perf_counter()
+        model = fit(name, space, table, seed=seed, **(options or {}).get(name, {}))
+        seconds = time.perf_counter() - start
+        small = score(model, test[space.names], test["foldable"])
+        large = score(model, fresh[space.names], fresh["foldable"])
+        size, unit = model_size(model)
+        rows.append(
+            {
+                "model": name,
+                "accuracy": small["accuracy"],
+                "accuracy_low": small["accuracy_interval"][0],
+                "accuracy_high": small["accuracy_interval"][1],
+                "accuracy_fresh": large["accuracy"],
+                "false_positive_rate": large["false_positive_rate"],
+                "train_seconds": seconds,
+                "seconds_per_million": large["seconds_per_million"],
+                "labels": len(table),
+                "size": size,
+                "size_unit": unit,
+                "dissertation": DISSERTATION.get(name),
+            }
+        )
+        models[name] = model
+    return Comparison(rows, models)
+
+
+def fit(name: str, space: DesignSpace, labels: pd.DataFrame, *, seed: int, **options):
+    """A fitted model of this name on a table of labels; designs of unknown label are left out.
+
+    Raises :class:`InputError` if no label is known, or if the symbolic model finds no column
+    ``normalised_angle``.
+    """
+    known = labels[labels["foldable"].notna()]
+    if len(known) == 0:
+        raise InputError("no design in the table has a known label; label more designs")
+    model = make_classifier(name, space, seed=seed, **options)
+    target = as_labels(known["foldable"])
+    if name == "symbolic":
+        if "normalised_angle" not in known:
+            raise InputError(
+                "the symbolic model learns the angle per unit strain, and the table has no column "
+                "normalised_angle; label with a source that states it, or take another model"
+            )
+        return model.fit(known[space.names], known["normalised_angle"].to_numpy(float))
+    return model.fit(known[space.names], target)

@@ -1,0 +1,73 @@
+"""Settings from ``--config FILE.toml`` and ``--set name=value`` into checked dataclasses."""
+
+from __future__ import annotations
+
+import dataclasses
+import tomllib
+from collections.abc import Iterable
+from pathlib import Path
+from typing import Any
+
+from pydantic import TypeAdapter, ValidationError
+
+from foldlab.errors import InputError
+
+
+def read_settings(pairs: Iterable[str] = (), config: Path | None = None) -> dict[str, Any]:
+    """Names to values; a pair wins over the file.
+
+    Values are read as TOML (``0.1``, ``true``, ``[1, 2]``), else kept as text. Raises
+    :class:`InputError` for a pair without '=', a missing file or a file that is not TOML.
+    """
+    settings: dict[str, Any] = {}
+    if config is not None:
+        try:
+            settings.update(tomllib.loads(Path(config).read_text(encoding="utf-8")))
+        except (OSError, UnicodeDecodeError) as error:
+            raise InputError(f"can't read the settings {config} ({error})") from None
+        except tomllib.TOMLDecodeError as error:
+            raise InputError(f"{config} is not TOML: {error}; write lines name = value") from None
+    for pair in pairs:
+        name, equals, text = pair.partition("=")
+        if not equals or not name.strip():
+            raise InputError(f"--set {pair}: expected name=value, as in --set slenderness=0.01")
+        settings[name.strip()] = _value(text.strip())
+    return settings
+
+
+def _value(text: str) -> Any:
+    try:
+        return tomllib.loads(f"value = {text}")["value"]
+    except tomllib.TOMLDecodeError:
+        try:
+            # TOML refuses what people type: .5, 1., 007, nan
+            return float(text)
+        except ValueError:
+            return text
+
+
+def build(cls: type, settings: dict[str, Any], **fixed: Any):
+    """An instance of the dataclass ``cls`` from settings, types checked and converted.
+
+    Raises :class:`InputError` that names an unknown field and those there are, or a wrong value.
+    """
+    fields = {field.name for field in dataclasses.fields(cls)}
+    for name in settings:
+        if name not in fields:
+            raise InputError(f"no setting {name!r}; there are: {', '.join(sorted(fields))}")
+    try:
+        return TypeAdapter(cls).validate_python({**settings, **fixed})
+    except ValidationError as error:
+        first = error.errors()[0]
+        where = ".".join(str(part) for part in first["loc"])
+        raise InputError(
+            f"{where or cls.__name__} = {first['input']!r}: {first['msg'].removeprefix('Value error, ')}"
+        ) from None
+
+
+def numbers(settings: dict[str, Any]) -> dict[str, float]:
+    """Settings whose every value must be a number."""
+    for name, value in settings.items():
+        if isinstance(value, bool) or not isinstance(value, int | float):
+            raise InputError(f"{name} = {value!r}; expected a number")
+    return {name: float(value) for name, value in settings.items()}

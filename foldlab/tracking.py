@@ -1,0 +1,117 @@
+"""Runs in MLflow: configuration, seed, commit, metrics, seconds, tables, figures and models.
+
+``MLFLOW_TRACKING_URI`` is respected; without it the database is ``mlruns/mlflow.db`` below the
+working directory and artifacts lie in ``mlruns/artifacts`` (one writer at a time).
+"""
+
+from __future__ import annotations
+
+import logging
+import math
+import os
+import subprocess
+import time
+import warnings
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import pandas as pd
+
+import foldlab
+
+ROOT = Path("mlruns")
+
+
+class Run:
+    """What an experiment may log; obtained from :func:`track`."""
+
+    def __init__(self, mlflow, run_id: str):
+        self._mlflow = mlflow
+        self.run_id = run_id
+
+    def metrics(self, values: Mapping[str, Any], *, prefix: str = "", step: int | None = None):
+        """Log the finite numbers of a flat mapping; other values are left out."""
+        numbers = {
+            prefix + _metric_name(name): float(value)
+            for name, value in values.items()
+            if isinstance(value, int | float) and math.isfinite(value)
+        }
+        self._mlflow.log_metrics(numbers, step=step)
+
+    def table(self, name: str, frame: pd.DataFrame) -> None:
+        """Log a table as ``tables/NAME.csv``."""
+        self._mlflow.log_text(frame.to_csv(index=False), f"tables/{name}.csv")
+
+    def figure(self, name: str, figure) -> None:
+        """Log a Matplotlib figure as ``figures/NAME.png``."""
+        self._mlflow.log_figure(figure, f"figures/{name}.png")
+
+    def model(self, name: str, classifier, example: pd.DataFrame) -> None:
+        """Log a fitted classifier with its signature and an input example (a few designs).
+
+        Networks go through torch.export, the others through skops; neither is a bare pickle.
+        """
+        from foldlab import saving
+
+        saving.log_to_mlflow(self._mlflow, name, classifier, example)
+
+
+@contextmanager
+def track(experiment: str, config: Mapping[str, Any], *, seed: int | None = None) -> Iterator[Run]:
+    """Open a run of ``experiment``; its status and seconds are logged even if the body raises."""
+    # Its import takes seconds and only tracked commands need it.
+    import mlflow
+
+    logging.getLogger("mlflow").setLevel(logging.ERROR)
+    logging.getLogger("alembic").setLevel(logging.ERROR)
+    uri = tracking_uri()
+    start = time.perf_counter()
+    with warnings.catch_warnings():
+        # MLflow's own calls into SQLAlchemy, pydantic and protobuf; nothing a user could mend.
+        warnings.simplefilter("ignore")
+        mlflow.set_tracking_uri(uri)
+        if uri == _local_uri():
+            ROOT.mkdir(exist_ok=True)
+            if mlflow.get_experiment_by_name(experiment) is None:
+                artifacts = (ROOT / "artifacts" / experiment).resolve().as_uri()
+                mlflow.create_experiment(experiment, artifact_location=artifacts)
+        mlflow.set_experiment(experiment)
+        with mlflow.start_run() as run:
+            mlflow.log_params({key: str(value)[:500] for key, value in config.items()})
+            mlflow.set_tags(
+                {"seed": str(seed), "commit": commit(), "foldlab": foldlab.__version__}
+            )
+            try:
+                yield Run(mlflow, run.info.run_id)
+            finally:
+                mlflow.log_metric("seconds", time.perf_counter() - start)
+
+
+def tracking_uri() -> str:
+    """``MLFLOW_TRACKING_URI`` if set, else the SQLite file below the working directory."""
+    return os.environ.get("MLFLOW_TRACKING_URI") or _local_uri()
+
+
+def _local_uri() -> str:
+    return f"sqlite:///{ROOT / 'mlflow.db'}"
+
+
+def commit() -> str:
+    """The commit of the source tree, with ``-dirty`` where files differ from it; or ``unknown``."""
+    try:
+        return subprocess.run(
+            ["git", "describe", "--always", "--dirty", "--abbrev=12", "--exclude=*"],
+            cwd=Path(__file__).parent,
+            capture_output=True,
+            text=True,
+            check=True,
+            timeout=10,
+        ).stdout.strip()
+    except (OSError, subprocess.SubprocessError):
+        return "unknown"
+
+
+def _metric_name(name: str) -> str:
+    return "".join(c if c.isalnum() or c in "_-. /" else "_" for c in name)
