@@ -1,0 +1,293 @@
+"""What a designer asks for, as limits on groups and physical quantities (§4.2.3).
+
+Every limited quantity is a product of powers of the groups and of four scales (E_s, rho_s, l_s,
+g_earth), so in logarithms every limit is linear and all limits together are a polytope, which
+:class:`Region` samples. Mass and total thickness are sums of such products and come on top:
+
+    mass = rho_s h_s [b_s (l_s − l_i) + b_i l_i] + rho_i h_i b_i l_i,   thickness = h_s + h_i.
+
+Groups outside the searched space (in the reduced space: widths, hinge length, densities,
+contraction) are *carried* where a limit touches them: they matter for mass, size and angle only.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from importlib import resources
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+import pandas as pd
+
+from foldlab.design import (
+    _RATIOS,
+    FULL,
+    PHYSICAL,
+    REDUCED,
+    STANDARD_GRAVITY,
+    DesignSpace,
+    Parameter,
+    groups_from_settings,
+)
+from foldlab.errors import InputError
+
+# Where a wish leaves a scale open: from tissue to diamond, foam to tungsten, cells to furniture.
+SCALES = {"E_s": (1e2, 1e12), "rho_s": (1.0, 2.5e4), "l_s": (1e-6, 10.0)}
+DEFAULT_MARGIN = 0.02
+_MASS_NEEDS = (
+    "rho_s", "l_s", "slenderness", "h_ratio", "aspect", "hinge_length", "hinge_width", "rho_ratio",
+)  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Angle:
+    """A wanted fold angle κ l_i = (κ l_s/g) (l_i/l_s) |g|, and how far off it may be; rad."""
+
+    value: float
+    tolerance: float
+
+    def __post_init__(self):
+        if not (0 < self.value < np.inf and 0 < self.tolerance < np.inf):
+            raise InputError(
+                f"fold angle {self.value:g} ± {self.tolerance:g} rad; both must be above 0"
+            )
+
+
+@dataclass(frozen=True)
+class Wish:
+    """A wanted behaviour and what limits the design.
+
+    ``want``: 'foldable', 'flat' (does not fold) or an :class:`Angle`. ``fixed`` and ``ranges``:
+    groups (``design.FULL``) and physical quantities (SI, ``design.PHYSICAL``) by name. ``passive``,
+    ``active``: names from the table of ``materials`` (a CSV path; the shipped table if None), whose
+    ranges of E, rho and contraction hold; several names are alternatives. ``max_mass`` in kg; the
+    sizes of the flat unit in m, the thickness including the active layer.
+
+    ``margin``: half-width, as a share of each group's bounds on its own scale (max norm in the unit
+    cube), of the box around a design in which it must still do what is wanted, by prediction; 0.02
+    by default, which is 0.12 decades of E_i/E_s, and 0 for an angle. ``min_probability`` that the
+    predicted label is the wanted one.
+
+    Raises :class:`InputError` for unknown names, values out of bounds, quantities limited twice.
+    """
+
+    space: DesignSpace = REDUCED
+    want: Literal["foldable", "flat"] | Angle = "foldable"
+    fixed: Mapping[str, float] = field(default_factory=dict)
+    ranges: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+    passive: tuple[str, ...] = ()
+    active: tuple[str, ...] = ()
+    materials: str | Path | None = None
+    max_mass: float | None = None
+    max_length: float | None = None
+    max_width: float | None = None
+    max_thickness: float | None = None
+    margin: float | None = None
+    min_probability: float = 0.5
+
+    def __post_init__(self):
+        if not (isinstance(self.want, Angle) or self.want in ("foldable", "flat")):
+            raise InputError(f"want = {self.want!r}; expected 'foldable', 'flat' or an Angle")
+        for name in (*self.fixed, *self.ranges):
+            if name not in FULL.names and name not in PHYSICAL:
+                raise InputError(
+                    f"no quantity {name!r}; groups: {', '.join(FULL.names)}; "
+                    f"physical: {', '.join(PHYSICAL)}"
+                )
+        twice = [name for name in self.ranges if name in self.fixed]
+        if twice:
+            raise InputError(f"{', '.join(twice)}: both fixed and in a range; give one of them")
+        for name, value in self.fixed.items():
+            _check_value(self.space, name, value)
+        for name, limits in self.ranges.items():
+            if len(limits) != 2:
+                raise InputError(f"{name}: range {limits!r}; expected two numbers, low and high")
+            _check_value(self.space, name, limits[0])
+            _check_value(self.space, name, limits[1])
+            if not limits[0] < limits[1]:
+                raise InputError(
+                    f"{name}: range {limits[0]:g} … {limits[1]:g}; give the lower end first"
+                )
+        for name in ("max_mass", "max_length", "max_width", "max_thickness"):
+            value = getattr(self, name)
+            if value is not None and not 0 < value < np.inf:
+                raise InputError(f"{name} = {value:g}; expected a number above 0 (kg, m)")
+        if self.margin is None:
+            object.__setattr__(
+                self, "margin", 0.0 if isinstance(self.want, Angle) else DEFAULT_MARGIN
+            )
+        if not 0 <= self.margin < 0.5:
+            raise InputError(
+                f"margin = {self.margin:g}; expected a share of the bounds, 0 … below 0.5"
+            )
+        if not 0.5 <= self.min_probability < 1:
+            raise InputError(f"min_probability = {self.min_probability:g}; expected 0.5 … below 1")
+
+    @property
+    def pairs(self) -> list[tuple[str | None, str | None]]:
+        """Every combination of a passive and an active material; None where none is named."""
+        return [(p, a) for p in self.passive or (None,) for a in self.active or (None,)]
+
+
+def _check_value(space: DesignSpace, name: str, value: float) -> None:
+    if name in space.names or name in FULL.names:
+        groups_from_settings({name: value}, space if name in space.names else FULL)
+    elif not 0 < value < np.inf:
+        raise InputError(f"{name} = {value:g}; expected a number above 0 in {PHYSICAL[name]}")
+
+
+def read_materials(path: str | Path | None = None) -> pd.DataFrame:
+    """Material ranges by name (columns and units: head of ``foldlab/data/materials.csv``).
+
+    Raises :class:`InputError` for an unreadable file, missing columns, a repeated name, or a range
+    that is no interval above 0.
+    """
+    if path is None:
+        path = resources.files("foldlab") / "data" / "materials.csv"
+    try:
+        with path.open(encoding="utf-8") if not isinstance(path, str) else open(path) as file:
+            table = pd.read_csv(file, comment="#")
+    except (OSError, ValueError) as error:
+        raise InputError(f"materials {path}: {error}; give a readable CSV file") from None
+    ends = [f"{q}_{end}" for q in ("E", "rho", "contraction") for end in ("low", "high")]
+    missing = [c for c in ("name", "role", *ends) if c not in table.columns]
+    if missing or table.empty:
+        raise InputError(
+            f"materials {path}: {len(table)} rows, missing: {', '.join(missing) or 'none'}; "
+            "start from the shipped table"
+        )
+    if table["name"].duplicated().any():
+        raise InputError(f"materials {path}: a name occurs twice; give each row its own")
+    for quantity, roles in (("E", None), ("rho", None), ("contraction", "active")):
+        rows = table if roles is None else table[table["role"] == roles]
+        low, high = (
+            pd.to_numeric(rows[f"{quantity}_{e}"], errors="coerce") for e in ("low", "high")
+        )
+        bad = ~((low > 0) & (low <= high) & (high < np.inf))
+        if bad.any():
+            raise InputError(
+                f"materials {path}: {rows['name'][bad].iloc[0]} has no interval above 0 for "
+                f"{quantity}; give {quantity}_low ≤ {quantity}_high"
+            )
+    return table.set_index("name")
+
+
+@dataclass(frozen=True)
+class Limit:
+    """One limit low ≤ Σ powers·log10(variable) ≤ high; ``text`` says it in the user's terms."""
+
+    quantity: str
+    powers: Mapping[str, float]
+    low: float
+    high: float
+    text: str
+    soft: bool = True  # False: a law or a bound of the design space, never the one to relax first
+
+
+def powers_of(quantity: str) -> dict[str, float]:
+    """A quantity as powers of groups and scales, such as h_i = h_ratio · slenderness · l_s."""
+    if quantity in _RATIOS:
+        group, scale = _RATIOS[quantity]
+        return {group: 1.0, **powers_of(scale)}
+    return {quantity: 1.0}
+
+
+def limits_of(wish: Wish, pair: tuple[str | None, str | None], table=None) -> list[Limit]:
+    """All linear limits of a wish with one pair of materials, with bounds and Γ's definition."""
+
+    def limit(quantity, low, high, why=""):
+        unit = PHYSICAL.get(quantity, "1")
+        unit = "" if unit == "1" else f" {unit}"
+        if low == high:
+            text = f"{quantity} = {low:.4g}{unit}"
+        elif low == 0:
+            text = f"{quantity} ≤ {high:.4g}{unit}"
+        else:
+            text = f"{quantity} in {low:.4g} … {high:.4g}{unit}"
+        low = np.log10(low) if low > 0 else -np.inf
+        return Limit(quantity, powers_of(quantity), low, np.log10(high), text + why)
+
+    limits = [limit(name, value, value) for name, value in wish.fixed.items()]
+    limits += [limit(name, low, high) for name, (low, high) in wish.ranges.items()]
+    for role, name, quantities in (
+        ("passive", pair[0], {"E_s": "E", "rho_s": "rho"}),
+        ("active", pair[1], {"E_i": "E", "rho_i": "rho", "contraction": "contraction"}),
+    ):
+        if name is None:
+            continue
+        if name not in table.index or table.loc[name, "role"] != role:
+            known = table.index[table["role"] == role]
+            raise InputError(f"no {role} material {name!r}; the table has: {', '.join(known)}")
+        for quantity, column in quantities.items():
+            low, high = (float(table.loc[name, f"{column}_{end}"]) for end in ("low", "high"))
+            limits.append(limit(quantity, low, high, f" ({name})"))
+    for quantity, high in (("l_s", wish.max_length), ("b_s", wish.max_width)):
+        if high is not None:
+            limits.append(limit(quantity, 0, high))
+
+    variables = set(wish.space.names)
+    for one in limits:
+        variables |= set(one.powers)
+    if wish.max_thickness is not None:
+        variables |= {*powers_of("h_i")}
+    if wish.max_mass is not None:
+        absent = [name for name in _MASS_NEEDS if name not in variables]
+        if absent:
+            raise InputError(
+                f"the mass also depends on {', '.join(absent)}: give each a value, a range or a "
+                "material (b_s, l_i, b_i and rho_i in SI units serve for their ratios)"
+            )
+    if isinstance(wish.want, Angle):
+        absent = [name for name in ("hinge_length", "contraction") if name not in variables]
+        if absent:
+            raise InputError(f"the fold angle also depends on {', '.join(absent)}: limit each")
+    if "stiffness_to_weight" in wish.space.names and variables & {*SCALES, "g_earth"}:
+        # Γ ties the scales together (Eq. of §4.2.2), so that all of them are at stake.
+        variables |= {*SCALES, "g_earth"}
+        if "g_earth" not in {one.quantity for one in limits}:
+            earth = limit("g_earth", STANDARD_GRAVITY, STANDARD_GRAVITY)
+            limits.append(replace(earth, soft=False))
+        law = {"E_s": 1.0, "slenderness": 2.0, "rho_s": -1.0, "g_earth": -1.0, "l_s": -1.0}
+        law["stiffness_to_weight"] = -1.0
+        limits.append(Limit("Gamma", law, 0.0, 0.0, "the definition of Γ", soft=False))
+    for name in FULL.names + list(SCALES):
+        if name in variables:
+            p = _parameter(wish, name) if name in FULL.names else None
+            low, high = (p.low, p.high) if p else SCALES[name]
+            bound = limit(name, low, high, " (the bounds)")
+            limits.append(replace(bound, soft=False))
+    return limits
+
+
+def _parameter(wish: Wish, name: str) -> Parameter:
+    return wish.space[name] if name in wish.space.names else FULL[name]
+
+
+def box_parameters(wish: Wish) -> list[Parameter]:
+    """The groups along which margin and box extend: those that the wanted behaviour depends on."""
+    extra = ("hinge_length", "contraction") if isinstance(wish.want, Angle) else ()
+    return [
+        *wish.space.parameters,
+        *(FULL[name] for name in extra if name not in wish.space.names),
+    ]
+
+
+def mass_of(quantities: pd.DataFrame) -> np.ndarray:
+    """Mass of the unit in kg, shape (n,), from SI columns rho, l, b, h of both layers."""
+    q = quantities
+    sheet = q["b_s"] * (q["l_s"] - q["l_i"]) + q["b_i"] * q["l_i"]
+    active = q["rho_i"] * q["h_i"] * q["b_i"] * q["l_i"]
+    return (q["rho_s"] * q["h_s"] * sheet + active).to_numpy()
+
+
+def quantities_of(logs: np.ndarray, names: list[str]) -> pd.DataFrame:
+    """All groups and SI quantities that follow from log10 variables, shape (n, len(names))."""
+    known = {name: logs[:, k] for k, name in enumerate(names)}
+    out = dict(known)
+    for quantity in _RATIOS:
+        powers = powers_of(quantity)
+        if all(name in known for name in powers):
+            out[quantity] = sum(power * known[name] for name, power in powers.items())
+    return pd.DataFrame({name: 10.0**value for name, value in out.items()})
