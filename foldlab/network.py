@@ -15,7 +15,6 @@ import itertools
 import warnings
 from contextlib import contextmanager
 from numbers import Integral, Real
-from typing import ClassVar
 
 import numpy as np
 import pandas as pd
@@ -71,8 +70,7 @@ class GroupsToLogit(nn.Module):
         return torch.where(self.logs, logs, groups)
 
     def standardise(self, coordinates: torch.Tensor) -> torch.Tensor:
-        kind = next(self.members.parameters()).dtype
-        return ((coordinates - self.centre) / self.scale).to(kind)
+        return ((coordinates - self.centre) / self.scale).to(next(self.members.parameters()).dtype)
 
     def forward(self, groups: torch.Tensor) -> torch.Tensor:
         inputs = self.standardise(self.coordinates(groups))
@@ -103,10 +101,9 @@ class NetworkClassifier(ClassifierMixin, BaseEstimator):
             raise InputError("fit requires y to be passed, but the target y is None")
         groups, y = self._read(X, y, reset=True)
         check_classification_targets(y)
-        if type_of_target(y) != "binary":
+        if (kind := type_of_target(y)) != "binary":
             raise InputError(
-                "Only binary classification is supported. The type of the target is "
-                f"{type_of_target(y)}; give two classes"
+                f"Only binary classification is supported. The type of the target is {kind}"
             )
         self.classes_ = np.unique(y)
         if len(self.classes_) != 2:
@@ -196,10 +193,10 @@ class NetworkClassifier(ClassifierMixin, BaseEstimator):
         return [p.scale == "log" for p in self.space]
 
     def _check_settings(self):
-        for name, kind in self._positive.items():
-            value = getattr(self, name)
-            if not (isinstance(value, kind) and np.isfinite(value) and value > 0):
-                what = "a whole" if kind is Integral else "a finite"
+        for name in self._whole + self._positive:
+            value, whole = getattr(self, name), name in self._whole
+            if not (isinstance(value, Integral if whole else Real) and 0 < value < np.inf):
+                what = "a whole" if whole else "a finite"
                 raise InputError(f"{name} = {value!r}; give {what} number above 0")
 
     def _train(self, groups, y, epochs):
@@ -239,13 +236,8 @@ class DissertationNetwork(NetworkClassifier):
     no convergence; it warns where the loss stays above that of the constant answer.
     """
 
-    _positive: ClassVar = {
-        "hidden": Integral,
-        "epochs": Integral,
-        "batch_size": Integral,
-        "learning_rate": Real,
-        "false_positive_weight": Real,
-    }
+    _whole = ("hidden", "epochs", "batch_size")
+    _positive = ("learning_rate", "false_positive_weight")
 
     def __init__(
         self,
@@ -270,15 +262,10 @@ class DissertationNetwork(NetworkClassifier):
 
     def build(self, n_features: int) -> GroupsToLogit:
         """The untrained module for ``n_features`` groups."""
-        layers = [
-            nn.Linear(n_features, self.hidden),
-            nn.ReLU(),
-            nn.Dropout(self.dropout),
-            nn.Linear(self.hidden, self.hidden),
-            nn.PReLU(),
-            nn.Linear(self.hidden, 1),
-        ]
-        return GroupsToLogit([nn.Sequential(*layers)], self._logs(n_features))
+        n = self.hidden
+        first = [nn.Linear(n_features, n), nn.ReLU(), nn.Dropout(self.dropout)]
+        second = [nn.Linear(n, n), nn.PReLU(), nn.Linear(n, 1)]
+        return GroupsToLogit([nn.Sequential(*first, *second)], self._logs(n_features))
 
     def _check_settings(self):
         super()._check_settings()
@@ -299,7 +286,7 @@ class DissertationNetwork(NetworkClassifier):
                 self.optimizer_.step()
                 total += loss.item() * len(batch)
             losses.append(total / len(inputs))
-        share = float((weight * target).mean())
+        share = float((weight * target).mean())  # weights have mean 1
         constant = -share * np.log(share) - (1 - share) * np.log1p(-share) if share % 1 else np.inf
         if losses[-1] >= constant:
             warnings.warn(
@@ -321,13 +308,8 @@ class SmoothNetwork(NetworkClassifier):
     share ``rtol``, otherwise ``ConvergenceWarning`` says so.
     """
 
-    _positive: ClassVar = {
-        "members": Integral,
-        "epochs": Integral,
-        "rtol": Real,
-        "penalty": Real,
-        "false_positive_weight": Real,
-    }
+    _whole = ("members", "epochs")
+    _positive = ("rtol", "penalty", "false_positive_weight")
 
     def __init__(
         self,
@@ -400,23 +382,14 @@ class SmoothNetwork(NetworkClassifier):
             gradient = torch.autograd.grad(loss, parameters)
             return loss.item(), torch.cat([g.ravel() for g in gradient]).numpy()
 
-        def note(intermediate_result):
+        def note(intermediate_result):  # SciPy knows it by the argument's name
             curve.append(float(intermediate_result.fun))
 
-        start = nn.utils.parameters_to_vector(parameters).detach().numpy().copy()
+        start = nn.utils.parameters_to_vector(parameters).detach().numpy()
+        options = {"maxiter": epochs, "maxfun": 4 * epochs + 20, "maxcor": 30}
+        options |= {"ftol": self.rtol, "gtol": 1e-10}
         result = minimize(
-            loss_and_gradient,
-            start,
-            jac=True,
-            method="L-BFGS-B",
-            callback=note,
-            options={
-                "maxiter": epochs,
-                "maxfun": 4 * epochs + 20,
-                "maxcor": 30,
-                "ftol": self.rtol,
-                "gtol": 1e-10,
-            },
+            loss_and_gradient, start, jac=True, method="L-BFGS-B", callback=note, options=options
         )
         nn.utils.vector_to_parameters(torch.from_numpy(result.x), parameters)
         for parameter in parameters:  # they are views of one vector, which cannot be exported

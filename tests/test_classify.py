@@ -97,6 +97,7 @@ def test_every_model_learns_and_is_seeded(name):
     X, y = labelled(1500, 0)
     fresh, truth = labelled(5000, 1)
     model = make_classifier(name, REDUCED, seed=3, **SMALL[name]).fit(X, y)
+    assert 3 in model.get_params().values()  # the seed arrives, even where only ties feel it
     probability = model.predict_proba(fresh)
     assert list(model.classes_) == [False, True]
     assert np.mean(model.predict(fresh) == truth) > 0.94
