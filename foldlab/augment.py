@@ -9,8 +9,9 @@ from __future__ import annotations
 
 import time
 import warnings
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -76,8 +77,9 @@ def augment(
 ) -> Augmented:
     """Run Algorithm 5 (``strategy='boundary'``) or its baseline (``'random'``).
 
-    ``make_model(seed, epochs)`` returns an unfitted classifier whose ``fit`` trains that many epochs
-    and which has ``continue_fit(X, y, epochs=…)``; ``test`` is (designs, labels) that nothing else sees. Designs that the source can't label are
+    ``make_model(seed, epochs)`` returns an unfitted classifier whose ``fit`` trains that many
+    epochs and which has ``continue_fit(X, y, epochs=…)``; ``test`` is (designs, labels) that
+    nothing else sees. Designs that the source can't label are
     counted and left out of the training. Raises :class:`InputError` for an unknown strategy, or
     when the first labels are all of one class.
     """
@@ -163,3 +165,54 @@ def labels_to_reach(curve: pd.DataFrame, accuracy: float) -> float:
         return float(labels[0])
     share = (accuracy - values[k - 1]) / (values[k] - values[k - 1])
     return float(labels[k - 1] + share * (labels[k] - labels[k - 1]))
+
+
+def compare_strategies(
+    source: LabelSource,
+    plan: Plan,
+    *,
+    seeds: Iterable[int],
+    target: float = 0.99,
+    test_designs: int = 20_000,
+    make_model: Callable[[int, int], Any] | None = None,
+    progress: Callable[[str], None] | None = None,
+) -> tuple[pd.DataFrame, dict[str, float]]:
+    """Algorithm 5 against its baseline over several seeds, on the same fresh test designs.
+
+    Returns the curves of :func:`augment` and a summary: for each strategy ``labels_STRATEGY``
+    (median labels to reach ``target``, infinite if it was not reached) and
+    ``final_accuracy_STRATEGY``, and ``ratio`` = boundary / random labels (None if one is infinite).
+    """
+    space = source.space
+    designs = space.sample(test_designs, seed=2**31 - 1)
+    truth = _label(source, designs)["foldable"]
+    test = (designs[truth.notna()], truth[truth.notna()].to_numpy(bool))
+    make_model = make_model or partial(_default_network, space)
+    curves = []
+    for seed in seeds:
+        for strategy in STRATEGIES:
+            result = augment(
+                space, source, make_model, strategy=strategy, plan=plan, seed=seed, test=test
+            )
+            curves.append(result.curve)
+            if progress:
+                last = result.curve.iloc[-1]
+                progress(
+                    f"seed {seed}, {strategy}: accuracy {last['accuracy']:.4f} after "
+                    f"{last['labels']} labels, {last['seconds']:.1f} s"
+                )
+    table = pd.concat(curves, ignore_index=True)
+    summary: dict[str, Any] = {"target": target}
+    for strategy, rows in table.groupby("strategy"):
+        summary[f"labels_{strategy}"] = labels_to_reach(rows, target)
+        last = rows[rows["cycle"] == rows["cycle"].max()]
+        summary[f"final_accuracy_{strategy}"] = float(last["accuracy"].median())
+    ratio = summary["labels_boundary"] / summary["labels_random"]
+    summary["ratio"] = ratio if np.isfinite(ratio) and ratio > 0 else None
+    return table, summary
+
+
+def _default_network(space: DesignSpace, seed: int, epochs: int):
+    from foldlab.network import SmoothNetwork  # torch takes seconds to import
+
+    return SmoothNetwork(space, epochs=epochs, random_state=seed)

@@ -11,6 +11,7 @@ from __future__ import annotations
 import itertools
 import time
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 import pandas as pd
@@ -188,6 +189,14 @@ def _dissertation(space, seed, **options):
     return DissertationNetwork(space, random_state=seed, **options)
 
 
+def _symbolic(space, seed, constraints=None, **options):
+    from foldlab.symbolic import Constraints, SymbolicClassifier  # sympy and Operon are slow too
+
+    limits = Constraints(seed=seed) if constraints is None else constraints
+    fields = {k: options.pop(k) for k in list(options) if hasattr(limits, k)}
+    return SymbolicClassifier(space, constraints=replace(limits, **fields), **options)
+
+
 MODELS: dict[str, Callable] = {
     "tree": _tree,
     "distilled": _distilled,
@@ -195,13 +204,15 @@ MODELS: dict[str, Callable] = {
     "boosted": _boosted,
     "network": _network,
     "dissertation": _dissertation,
+    "symbolic": _symbolic,
 }
 
 
 def make_classifier(name: str, space: DesignSpace | None, *, seed: int = 0, **options):
     """An unfitted classifier by name (:data:`MODELS`), seeded.
 
-    ``options`` go to the model; every model takes ``false_positive_weight`` (1 = unbiased).
+    ``options`` go to the model; every model takes ``false_positive_weight`` (1 = unbiased) but
+    ``symbolic``, whose ``fit`` takes the scalar target.
     Raises :class:`InputError` for an unknown name or option.
     """
     if name not in MODELS:

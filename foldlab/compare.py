@@ -39,8 +39,8 @@ def compare(
     """Train each model on ``train``; score it on ``test`` and on ``fresh``.
 
     The tables hold the groups and ``foldable``, and ``normalised_angle`` where the symbolic model
-    takes part: it learns from the first ``symbolic_labels`` rows. ``options`` maps a model's name to
-    its settings. Columns of a row: model, accuracy (on ``test``) and its 95 % interval,
+    takes part: it learns from the first ``symbolic_labels`` rows. ``options`` maps a model's name
+    to its settings. Columns of a row: model, accuracy (on ``test``) and its 95 % interval,
     accuracy_fresh, false_positive_rate (on ``fresh``), train_seconds, seconds_per_million, labels,
     size, size_unit, dissertation.
     """

@@ -131,7 +131,7 @@ class DesignSpace:
         """The group columns of a table, as floats, in the space's order.
 
         Other columns are left out. Raises :class:`InputError` for an empty table, missing or
-        non-numeric columns, NaN or infinite values, and (with ``bounds``) designs outside the space.
+        non-numeric columns, NaN or infinite values, and (with ``bounds``) designs outside it.
         """
         if len(designs) == 0:
             raise InputError("the table of designs is empty; give at least one row")
@@ -189,9 +189,7 @@ FULL = DesignSpace(
         Parameter("hinge_length", "l_i/l_s", 0.05, 0.5, "linear", "hinge over total length"),
         Parameter("hinge_width", "b_i/b_s", 0.25, 1, "linear", "hinge over panel width"),
         _H,
-        Parameter(
-            "stiffness_to_weight", "Gamma", 1e-2, 1e2, "log", "E_s h_s² / (rho_s g l_s³)"
-        ),
+        Parameter("stiffness_to_weight", "Gamma", 1e-2, 1e2, "log", "E_s h_s² / (rho_s g l_s³)"),
         Parameter("aspect", "b_s/l_s", 0.05, 1, "log", "sheet width over total length"),
         _T,
         Parameter("contraction", "|g_i|", 0.02, 0.4, "linear", "contraction of the active layer"),
@@ -219,7 +217,7 @@ def space_of(designs: pd.DataFrame) -> DesignSpace:
 
 
 # physical quantity: (group, scale): quantity = group * scale
-_RATIOS = {
+RATIOS = {
     "E_i": ("E_ratio", "E_s"),
     "rho_i": ("rho_ratio", "rho_s"),
     "l_i": ("hinge_length", "l_s"),
@@ -276,7 +274,7 @@ def to_physical(groups: pd.DataFrame, **scales: float | np.ndarray) -> pd.DataFr
             rest = np.prod([known[k] for k in ("rho_s", "l_s", "g_earth") if k != absent], axis=0)
             known[absent] = known["E_s"] * thin2 / (weight * rest)
     out = dict(known)
-    for quantity, (group, scale) in _RATIOS.items():
+    for quantity, (group, scale) in RATIOS.items():
         if group not in groups:
             continue
         if scale not in out:
@@ -301,7 +299,7 @@ def to_groups(physical: pd.DataFrame) -> pd.DataFrame:
     q = {name: _positive(name, physical[name], len(physical)) for name in physical.columns}
     groups = {
         group: q[quantity] / q[scale]
-        for quantity, (group, scale) in _RATIOS.items()
+        for quantity, (group, scale) in RATIOS.items()
         if quantity in q and scale in q
     }
     if all(name in q for name in (*_SCALES, "h_s")):

@@ -15,7 +15,7 @@ from itertools import product
 import numpy as np
 import pandas as pd
 
-from foldlab.design import _RATIOS, FULL, to_physical
+from foldlab.design import FULL, RATIOS, to_physical
 from foldlab.errors import InputError
 from foldlab.labels import Label
 from foldlab.regimes import ask
@@ -295,7 +295,7 @@ def _physical(region: Region, groups: pd.DataFrame, x: np.ndarray) -> pd.DataFra
     if not scales:
         return pd.DataFrame(index=groups.index)
     known, columns = set(scales), []
-    for quantity, (group, scale) in _RATIOS.items():
+    for quantity, (group, scale) in RATIOS.items():
         if group in groups and scale in known:
             known.add(quantity)
             columns.append(group)
@@ -383,3 +383,20 @@ def _as_wished(wish: Wish, label: Label, groups: Mapping[str, float]) -> bool | 
     if angle is None and label.evidence.get("normalised_angle") is not None:
         angle = label.evidence["normalised_angle"] * groups["hinge_length"] * groups["contraction"]
     return None if angle is None else bool(abs(angle - wish.want.value) <= wish.want.tolerance)
+
+
+def rows(answer: Answer) -> list[dict]:
+    """The proposals as flat rows for a printed table: groups, probability, margin, verdicts."""
+    out = []
+    for p in answer.proposals:
+        row = {**p.groups, "margin": p.margin}
+        if p.probability is not None:
+            row["probability"] = p.probability
+        if p.angle is not None:
+            row["fold_angle"] = p.angle
+        if p.mass is not None:
+            row["mass_kg"] = p.mass
+        if p.label is not None:
+            row |= {"confirmed": p.confirmed, "box": f"{p.box_held}/{p.box_checked}"}
+        out.append(row)
+    return out

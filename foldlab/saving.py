@@ -16,6 +16,7 @@ import shutil
 import tempfile
 from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass
+from importlib import metadata
 from pathlib import Path
 from typing import Any
 
@@ -278,8 +279,37 @@ def _load_network(directory: Path, state: dict):
     return model
 
 
-# A further kind (a formula, say) is added here; the first that matches is taken.
+def _is_formula(model) -> bool:
+    return type(model).__name__ == "SymbolicClassifier"
+
+
+def _save_formula(model, directory: Path) -> dict:
+    rows = [{"error": row.error, "tree": row.formula.tree} for row in model.front_.itertuples()]
+    name = f"{model.formula_}"
+    (directory / "formula.py").write_text(model.formula_.python(), encoding="utf-8")
+    return {
+        "formula": name,
+        "latex": model.formula_.latex(),
+        "chosen": [row["tree"] for row in rows].index(model.formula_.tree),
+        "front": rows,
+        "inputs": model.formula_.inputs,
+        "space": space_to_json(model.space),
+        "threshold": model.threshold,
+        "scale": model.scale_,
+        "n_features": model.n_features_in_,
+    }
+
+
+def _load_formula(directory: Path, state: dict):
+    from foldlab.symbolic import SymbolicClassifier
+
+    model = SymbolicClassifier(space_from_json(state["space"]), threshold=state["threshold"])
+    return model.restore(state["front"], state["chosen"], state["inputs"], state["scale"])
+
+
+# The first that matches is taken.
 KINDS: dict[str, Kind] = {
+    "formula": Kind(_is_formula, _save_formula, _load_formula),
     "network": Kind(_is_network, _save_network, _load_network),
     "sklearn": Kind(lambda m: isinstance(m, BaseEstimator), _save_sklearn, _load_sklearn),
 }
@@ -307,6 +337,46 @@ def _put(fresh: Path, target: Path) -> None:
         raise
     finally:
         shutil.rmtree(old, ignore_errors=True)
+
+
+def log_to_mlflow(mlflow, name: str, model, example) -> None:
+    """Log a fitted classifier to the active MLflow run, with signature and input example.
+
+    Networks are exported with torch.export and answer with log-odds, other models go through skops
+    and answer with classes; the folder of :func:`save_model` lies beside either under ``models``.
+    """
+    inner = model.estimator_ if isinstance(model, FixedThresholdClassifier) else model
+    with tempfile.TemporaryDirectory() as folder:
+        save_model(model, Path(folder) / name)
+        mlflow.log_artifacts(folder, "models")
+    if _is_formula(inner):
+        return
+    if _is_network(inner):
+        array = example.to_numpy()
+        answers = inner.decision_function(example)
+        mlflow.pytorch.log_model(
+            inner.module_.eval(),
+            name=name,
+            serialization_format="pt2",
+            input_example=array,
+            signature=mlflow.models.infer_signature(array, answers),
+            pip_requirements=_requirements("torch"),
+        )
+        return
+    mlflow.sklearn.log_model(
+        inner,
+        name=name,
+        serialization_format="skops",
+        skops_trusted_types=sorted(TRUSTED),
+        input_example=example,
+        signature=mlflow.models.infer_signature(example, model.predict(example)),
+        pip_requirements=_requirements("scikit-learn", "skops"),
+    )
+
+
+def _requirements(*packages: str) -> list[str]:
+    # Given outright: MLflow would otherwise load the model in a new process to find them.
+    return [f"{name}=={metadata.version(name)}" for name in (*packages, "numpy", "foldlab")]
 
 
 def _digest(path: Path) -> str:

@@ -59,10 +59,9 @@ def build(cls: type, settings: dict[str, Any], **fixed: Any):
         return TypeAdapter(cls).validate_python({**settings, **fixed})
     except ValidationError as error:
         first = error.errors()[0]
-        where = ".".join(str(part) for part in first["loc"])
-        raise InputError(
-            f"{where or cls.__name__} = {first['input']!r}: {first['msg'].removeprefix('Value error, ')}"
-        ) from None
+        where = ".".join(str(part) for part in first["loc"]) or cls.__name__
+        reason = first["msg"].removeprefix("Value error, ")
+        raise InputError(f"{where} = {first['input']!r}: {reason}") from None
 
 
 def numbers(settings: dict[str, Any]) -> dict[str, float]:

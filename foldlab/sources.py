@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import inspect
 import time
 from collections.abc import Mapping
 
@@ -9,7 +10,7 @@ import numpy as np
 import pandas as pd
 
 from foldlab import timoshenko
-from foldlab.design import FULL, REDUCED, DesignSpace
+from foldlab.design import REDUCED, DesignSpace
 from foldlab.errors import InputError
 from foldlab.labels import Label
 
@@ -26,6 +27,10 @@ class TimoshenkoSource:
     version = "1"
 
     def __init__(self, space: DesignSpace = REDUCED, assumption: timoshenko.Assumption = "strip"):
+        if assumption not in timoshenko.ASSUMPTIONS:
+            raise InputError(
+                f"no assumption {assumption!r}; there are: {', '.join(timoshenko.ASSUMPTIONS)}"
+            )
         self.space = space
         self.assumption = assumption
         if assumption != "strip":
@@ -54,7 +59,7 @@ class TimoshenkoSource:
         ]
 
     def evaluate(self, designs: pd.DataFrame) -> pd.DataFrame:
-        """Vectorised: the groups with ``normalised_angle``, ``threshold``, ``margin``, ``foldable``.
+        """Vectorised: groups with ``normalised_angle``, ``threshold``, ``margin``, ``foldable``.
 
         ``margin`` = ln(angle / threshold): 0.1 means that the angle clears the threshold by 10 %.
         """
@@ -85,10 +90,13 @@ SOURCES = {"timoshenko": TimoshenkoSource}
 
 
 def make_source(name: str, **options):
-    """A label source by name; raises :class:`InputError` for an unknown one."""
+    """A label source by name; raises :class:`InputError` for an unknown one or unknown options."""
     if name not in SOURCES:
         raise InputError(f"no label source {name!r}; there are: {', '.join(SOURCES)}")
+    known = list(inspect.signature(SOURCES[name]).parameters)
+    for option in options:
+        if option not in known:
+            raise InputError(
+                f"source {name!r} has no setting {option!r}; it has: {', '.join(known)}"
+            )
     return SOURCES[name](**options)
-
-
-__all__ = ["FULL", "REDUCED", "SOURCES", "TimoshenkoSource", "make_source"]

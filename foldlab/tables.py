@@ -16,7 +16,7 @@ SUFFIXES = (".parquet", ".csv")
 
 
 def read_table(path: str | Path) -> pd.DataFrame:
-    """Read a Parquet or CSV table; raises :class:`InputError` if it is missing, empty or damaged."""
+    """Read a Parquet or CSV table; raises :class:`InputError` if missing, empty or damaged."""
     path = Path(path)
     _check_suffix(path)
     if not path.is_file():
@@ -34,7 +34,7 @@ def read_table(path: str | Path) -> pd.DataFrame:
 
 
 def write_table(frame: pd.DataFrame, path: str | Path) -> Path:
-    """Write a Parquet or CSV table by way of a temporary file, so that none is left half-written."""
+    """Write a Parquet or CSV table by way of a temporary file: whole or not at all."""
     path = Path(path)
     _check_suffix(path)
     write = frame.to_parquet if path.suffix == ".parquet" else frame.to_csv
@@ -48,7 +48,9 @@ def replace_file(path: Path, write: Callable[[Path], object]) -> None:
         raise InputError(f"no folder {path.parent} to write {path.name} to; make it first")
     if path.is_dir():
         raise InputError(f"{path} is a folder; give the path of a file")
-    handle, temporary = tempfile.mkstemp(dir=path.parent, prefix=f".{path.stem}-", suffix=path.suffix)
+    handle, temporary = tempfile.mkstemp(
+        dir=path.parent, prefix=f".{path.stem}-", suffix=path.suffix
+    )
     os.close(handle)
     try:
         write(Path(temporary))

@@ -37,8 +37,8 @@ def normalised_curvature(
 ):
     """κ h_s / g (Eq. 4.14), nondimensional; arguments broadcast.
 
-    The Poisson ratios matter only where the assumption uses them (see the module's text); with equal
-    ratios the first, second and fourth assumption agree. Raises :class:`InputError` for an unknown
+    The Poisson ratios matter only where the assumption uses them (see the module's text); with
+    equal ratios the first, second and fourth assumption agree. Raises :class:`InputError` for an unknown
     assumption or a ratio outside (−1, 0.5).
     """
     for name, nu in (("nu_i", nu_i), ("nu_s", nu_s)):
@@ -57,9 +57,7 @@ def normalised_curvature(
         case "plate":
             n = n * (1 - nu_s) / (1 - nu_i)
         case _:
-            raise InputError(
-                f"no assumption {assumption!r}; there are: {', '.join(ASSUMPTIONS)}"
-            )
+            raise InputError(f"no assumption {assumption!r}; there are: {', '.join(ASSUMPTIONS)}")
     mn = m * n
     return strain * 6 * (1 + m) / (3 * (1 + m) ** 2 + (1 + mn) * (m**2 + 1 / mn))
 

@@ -80,9 +80,7 @@ def track(experiment: str, config: Mapping[str, Any], *, seed: int | None = None
         mlflow.set_experiment(experiment)
         with mlflow.start_run() as run:
             mlflow.log_params({key: str(value)[:500] for key, value in config.items()})
-            mlflow.set_tags(
-                {"seed": str(seed), "commit": commit(), "foldlab": foldlab.__version__}
-            )
+            mlflow.set_tags({"seed": str(seed), "commit": commit(), "foldlab": foldlab.__version__})
             try:
                 yield Run(mlflow, run.info.run_id)
             finally:

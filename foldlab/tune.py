@@ -66,8 +66,9 @@ class Search:
 
 
 def tune(labels: pd.DataFrame, space: DesignSpace, journal: str | Path, search: Search):
-    """Run (or resume) the study until it holds ``search.trials`` ended trials (with several workers up
-    to one more per further worker).
+    """Run (or resume) the study until it holds ``search.trials`` ended trials.
+
+    Several workers may end it with a few more: each finishes the trial it is at.
 
     ``labels`` has the groups and ``foldable``; ``search.validation`` of them are held back to
     measure accuracy. Returns a table with one row per trial: the parameters, ``state``
@@ -127,9 +128,7 @@ def _work(journal: str, split, space: DesignSpace, search: Search, worker: int) 
     with threadpool_limits(1), warnings.catch_warnings():
         # A budget of epochs is a parameter of the search; short ones do not converge.
         warnings.simplefilter("ignore", ConvergenceWarning)
-        study.optimize(
-            lambda trial: _objective(trial, split, space, search), callbacks=[enough]
-        )
+        study.optimize(lambda trial: _objective(trial, split, space, search), callbacks=[enough])
 
 
 def _objective(trial: optuna.Trial, split, space, search: Search) -> tuple[float, float]:
@@ -204,3 +203,17 @@ def trials_table(study: optuna.Study) -> pd.DataFrame:
             }
         )
     return pd.DataFrame(rows)
+
+
+def plot_study(table: pd.DataFrame):
+    """The study's Pareto front, accuracy over training seconds; a Matplotlib figure."""
+    from foldlab.plots import plot_pareto
+
+    return plot_pareto(
+        table.assign(error=1 - table["accuracy"]),
+        "seconds",
+        "error",
+        maximise=(False, False),
+        log=(True, False),
+        axis_labels={"seconds": "training, processor seconds", "error": "1 − accuracy"},
+    )

@@ -22,9 +22,9 @@ import numpy as np
 import pandas as pd
 
 from foldlab.design import (
-    _RATIOS,
     FULL,
     PHYSICAL,
+    RATIOS,
     REDUCED,
     STANDARD_GRAVITY,
     DesignSpace,
@@ -188,8 +188,8 @@ class Limit:
 
 def powers_of(quantity: str) -> dict[str, float]:
     """A quantity as powers of groups and scales, such as h_i = h_ratio · slenderness · l_s."""
-    if quantity in _RATIOS:
-        group, scale = _RATIOS[quantity]
+    if quantity in RATIOS:
+        group, scale = RATIOS[quantity]
         return {group: 1.0, **powers_of(scale)}
     return {quantity: 1.0}
 
@@ -286,7 +286,7 @@ def quantities_of(logs: np.ndarray, names: list[str]) -> pd.DataFrame:
     """All groups and SI quantities that follow from log10 variables, shape (n, len(names))."""
     known = {name: logs[:, k] for k, name in enumerate(names)}
     out = dict(known)
-    for quantity in _RATIOS:
+    for quantity in RATIOS:
         powers = powers_of(quantity)
         if all(name in known for name in powers):
             out[quantity] = sum(power * known[name] for name, power in powers.items())

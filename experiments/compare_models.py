@@ -1,0 +1,161 @@
+"""Which model predicts foldability best, and what does its accuracy cost in labels and seconds?
+
+The table of the README: median over seeds, 6000 training and 1000 test designs (§4.7), every
+accuracy also on fresh designs; then the network at a stated false-positive rate, and the share of
+proposed designs that the source confirms.
+"""
+
+from __future__ import annotations
+
+import sys
+from dataclasses import dataclass
+from typing import Any
+
+import pandas as pd
+
+from experiments.common import main, save_figure
+from foldlab import inverse
+from foldlab.classify import score
+from foldlab.compare import compare
+from foldlab.design import REDUCED
+from foldlab.operating_point import at_rate, plot_trade_off, threshold_curve
+from foldlab.plots import plot_pareto
+from foldlab.quickstart import symbolic_options
+from foldlab.sources import TimoshenkoSource
+from foldlab.wish import Wish
+
+MODELS = ("tree", "distilled", "forest", "boosted", "dissertation", "network", "symbolic")
+
+
+@dataclass(frozen=True)
+class Config:
+    seed: int = 0
+    seeds: int = 5
+    n_train: int = 6000
+    n_test: int = 1000
+    n_fresh: int = 200_000
+    n_calibration: int = 20_000
+    rate: float = 1e-3
+    proposals: int = 1000
+    symbolic_seconds: float = 60.0
+    models: tuple[str, ...] = MODELS
+
+
+TINY = Config(
+    seeds=1,
+    n_train=400,
+    n_test=200,
+    n_fresh=2000,
+    n_calibration=400,
+    rate=0.1,
+    proposals=20,
+    symbolic_seconds=1.0,
+    models=("tree", "network", "symbolic"),
+)
+
+
+def run(config: Config, tracker) -> dict[str, Any]:
+    source = TimoshenkoSource()
+    rows, points, shares, last = [], [], [], None
+    for seed in range(config.seed, config.seed + config.seeds):
+        train, test, fresh, calibration = (
+            source.evaluate(REDUCED.sample(n, seed=1000 * k + seed))
+            for k, n in enumerate(
+                (config.n_train, config.n_test, config.n_fresh, config.n_calibration)
+            )
+        )
+        last = compare(
+            config.models,
+            REDUCED,
+            train,
+            test,
+            fresh,
+            seed=seed,
+            options=symbolic_options(config.symbolic_seconds, seed),
+        )
+        rows += [{"seed": seed, **row} for row in last.rows]
+        network = last.models["network"]
+        X, y = calibration[REDUCED.names], calibration["foldable"]
+        careful, point = at_rate(network, X, y, rate=config.rate)
+        result = score(careful, fresh[REDUCED.names], fresh["foldable"])
+        points.append(
+            {
+                "seed": seed,
+                "threshold": point.threshold,
+                "false_positive_rate": result["false_positive_rate"],
+                "upper_95": result["false_positive_rate_upper"],
+                "recall": result["recall"],
+                "labels": config.n_train + point.labels,
+            }
+        )
+        answer = inverse.confirm(
+            inverse.propose(Wish(), network, config.proposals, seed=seed), source, seed=seed
+        )
+        whole = sum(p.box_confirmed is True for p in answer.proposals) / len(answer.proposals)
+        shares.append(
+            {
+                "seed": seed,
+                "proposals": len(answer.proposals),
+                "confirmed": answer.confirmed_share,
+                "boxes_confirmed": whole,
+                "seconds": answer.seconds,
+            }
+        )
+        print(f"seed {seed} done", file=sys.stderr)
+        if seed == config.seed:
+            curve = threshold_curve(network, fresh[REDUCED.names], fresh["foldable"])
+            figure = plot_trade_off(curve)
+            save_figure(figure, "trade_off")
+            tracker.figure("trade_off", figure)
+            for name, model in last.models.items():
+                tracker.model(name, model, test[REDUCED.names].head())
+            symbolic = last.models.get("symbolic")
+    seeds = pd.DataFrame(rows)
+    tracker.table("per_seed", seeds)
+    table = summary(seeds)
+    for row in table:
+        tracker.metrics(row, prefix=f"{row['model']}.")
+    out = {
+        "table": table,
+        "operating_point": _medians(points),
+        "inverse": _medians(shares),
+    }
+    if symbolic is not None:
+        front = symbolic.front_
+        figure = plot_pareto(front, "size", "accuracy", labels=None)
+        save_figure(figure, "symbolic_front")
+        tracker.figure("symbolic_front", figure)
+        out["symbolic_front"] = front.drop(columns="formula", errors="ignore").to_dict("records")
+    return out
+
+
+def summary(seeds: pd.DataFrame) -> list[dict[str, Any]]:
+    """Medians over seeds, and the spread of the accuracy on fresh designs."""
+    table = []
+    for model, rows in seeds.groupby("model", sort=False):
+        medians = rows.median(numeric_only=True)
+        table.append(
+            {
+                "model": model,
+                "accuracy": medians["accuracy"],
+                "accuracy_fresh": medians["accuracy_fresh"],
+                "fresh_min": rows["accuracy_fresh"].min(),
+                "fresh_max": rows["accuracy_fresh"].max(),
+                "false_positive_rate": medians["false_positive_rate"],
+                "train_seconds": medians["train_seconds"],
+                "seconds_per_million": medians["seconds_per_million"],
+                "labels": int(medians["labels"]),
+                "size": f"{medians['size']:.0f} {rows['size_unit'].iloc[0]}",
+                "dissertation": rows["dissertation"].iloc[0],
+            }
+        )
+    return table
+
+
+def _medians(rows: list[dict]) -> dict[str, Any]:
+    frame = pd.DataFrame(rows).drop(columns="seed")
+    return {**frame.median().to_dict(), "per_seed": rows}
+
+
+if __name__ == "__main__":
+    main(__doc__, run, Config, TINY)

@@ -1,0 +1,56 @@
+"""Where does a unit fold, and where is the prediction wrong? Figs. 4.28 and 4.29 by model."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+from experiments.common import main, save_figure
+from foldlab.compare import fit
+from foldlab.design import REDUCED
+from foldlab.quickstart import symbolic_options
+from foldlab.regime_plots import plot_regimes
+from foldlab.regimes import regime_map
+from foldlab.sources import TimoshenkoSource
+
+
+@dataclass(frozen=True)
+class Config:
+    seed: int = 0
+    n_train: int = 6000
+    points: int = 100_000
+    symbolic_seconds: float = 20.0
+    models: tuple[str, ...] = ("tree", "dissertation", "network", "symbolic")
+
+
+TINY = Config(n_train=300, points=900, symbolic_seconds=1.0, models=("tree",))
+
+
+def run(config: Config, tracker) -> dict[str, Any]:
+    source = TimoshenkoSource()
+    train = source.evaluate(REDUCED.sample(config.n_train, seed=config.seed))
+    options = symbolic_options(config.symbolic_seconds, config.seed)
+    rows = []
+    for name in config.models:
+        table = train.head(2000) if name == "symbolic" else train
+        model = fit(name, REDUCED, table, seed=config.seed, **options.get(name, {}))
+        regime = regime_map(model, points=config.points, source=source)
+        for kind, validated in (("predicted", False), ("validated", True)):
+            figure = plot_regimes(regime, validated=validated)
+            save_figure(figure, f"regimes_{name}_{kind}")
+            tracker.figure(f"regimes_{name}_{kind}", figure)
+        row = {
+            "model": name,
+            "points": regime.points,
+            **regime.counts,
+            "accuracy": regime.accuracy,
+            "false_positive_rate": regime.false_positive_rate,
+            "seconds": regime.seconds,
+        }
+        tracker.metrics(row, prefix=f"{name}.")
+        rows.append(row)
+    return {"table": rows}
+
+
+if __name__ == "__main__":
+    main(__doc__, run, Config, TINY)

@@ -1,0 +1,56 @@
+"""Every experiment runs in its TINY form, tracked, and says what its table needs."""
+
+import importlib
+import json
+import math
+import pkgutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+import experiments
+from experiments.common import execute
+
+NAMES = [m.name for m in pkgutil.iter_modules(experiments.__path__) if m.name != "common"]
+
+
+@pytest.fixture
+def here(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.delenv("MLFLOW_TRACKING_URI", raising=False)
+    return tmp_path
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_tiny(name, here):
+    mlflow = pytest.importorskip("mlflow")
+    module = importlib.import_module(f"experiments.{name}")
+    assert module.__doc__.strip().splitlines()[0].endswith(("?", ".")), "state the question"
+    result = execute(name, module.run, module.TINY)
+    json.dumps(result, allow_nan=False)
+    assert result["table"]
+    client = mlflow.MlflowClient(f"sqlite:///{here / 'mlruns' / 'mlflow.db'}")
+    (run,) = client.search_runs([client.get_experiment_by_name(name).experiment_id])
+    assert run.info.status == "FINISHED"
+    assert run.data.params["seed"] == "0"
+    assert run.data.tags["commit"]
+    assert math.isfinite(run.data.metrics["seconds"])
+    assert Path(run.info.artifact_uri.removeprefix("file://")).is_relative_to(
+        here / "mlruns" / "artifacts"
+    )
+    assert {f.path for f in client.list_artifacts(run.info.run_id)} >= {"figures"}
+    assert list((here / "out").glob("*.png"))
+
+
+def test_a_wrong_setting_ends_with_status_2(here):
+    done = subprocess.run(
+        [sys.executable, "-m", "experiments.regime_maps", "--set", "pionts=3"],
+        capture_output=True,
+        text=True,
+        cwd=Path(experiments.__file__).parent.parent,
+    )
+    assert done.returncode == 2
+    assert "no setting 'pionts'; there are: " in done.stderr
+    assert done.stdout == ""
