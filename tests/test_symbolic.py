@@ -1,0 +1,506 @@
+"""Symbolic regression: formulas, constraints, both engines, estimators."""
+
+import ast
+import importlib.util
+import pickle
+import subprocess
+import sys
+import textwrap
+import time
+from importlib import metadata
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+import sympy
+from sklearn.utils.estimator_checks import check_estimator
+
+from foldlab import engines
+from foldlab import formula as fm
+from foldlab.design import REDUCED
+from foldlab.errors import InputError
+from foldlab.formula import Formula
+from foldlab.symbolic import Constraints, SymbolicClassifier, SymbolicRegressor, refit
+from foldlab.timoshenko import FULL_TURN, folds, normalised_angle
+
+# Eq. 4.25 as a person would write it within depth 7.
+EXACT = (
+    "(6*(1 + h_ratio)/slenderness)"
+    "/(3*(1 + h_ratio)*(1 + h_ratio)"
+    " + (1 + h_ratio*E_ratio)*(h_ratio*h_ratio + 1/(h_ratio*E_ratio)))"
+)
+NAMES = tuple(REDUCED.names)
+
+
+def designs(n, seed):
+    X = REDUCED.sample(n, seed=seed)
+    return X, normalised_angle(X.E_ratio, X.h_ratio, X.slenderness)
+
+
+@pytest.fixture(scope="module")
+def short():
+    """A short search on 500 designs, ended by its generations, so that it is reproducible."""
+    X, y = designs(500, 1)
+    limits = Constraints(seconds=60, generations=60, population=150, seed=3, max_size=30)
+    return SymbolicRegressor(REDUCED, constraints=limits).fit(X, y), X, y
+
+
+# formulas
+
+
+def test_size_and_depth_count_every_node_and_level():
+    tree = fm.parsed("2.5*x + 1", ["x"])
+    assert (fm.size(tree), fm.depth(tree)) == (5, 3)
+    assert (fm.size("x"), fm.depth(1.0)) == (1, 1)
+    tree = fm.parsed("log(x + log(y)) / 3", ["x", "y"])
+    assert (fm.size(tree), fm.depth(tree)) == (7, 5)
+
+
+def test_nesting_is_found_below_and_not_beside():
+    inputs = ["x", "y"]
+    assert fm.nests(fm.parsed("1 + log(x + 2*log(y))", inputs), "log", "log")
+    assert not fm.nests(fm.parsed("log(x) + log(y)", inputs), "log", "log")
+    assert fm.nests(fm.parsed("x/(1 + y/x)", inputs), "/", "/")
+    assert not fm.nests(fm.parsed("log(x/y)", inputs), "/", "log")
+
+
+def test_parsed_inverts_infix_and_refuses_the_rest():
+    tree = ("-", ("*", -1.5e-3, "x"), ("log", ("/", "y", 0.1)))
+    assert fm.parsed(fm.infix(tree), ["x", "y"]) == tree
+    for bad in ("x**2", "z + 1", "exp(x)", "x +", "__import__('os')", "x if y else 1", "'a'"):
+        with pytest.raises(InputError):
+            fm.parsed(bad, ["x", "y"])
+
+
+def random_tree(rng, depth):
+    kind = rng.integers(0, 7 if depth else 2)
+    if kind == 0:
+        return float(rng.normal())
+    if kind == 1:
+        return str(rng.choice(NAMES))
+    if kind == 6:
+        return ("log", random_tree(rng, depth - 1))
+    return ("+-*/"[kind - 2], random_tree(rng, depth - 1), random_tree(rng, depth - 1))
+
+
+def test_simplification_keeps_the_value():
+    rng = np.random.default_rng(0)
+    X = REDUCED.sample(50, seed=0).to_numpy()
+    compared = shorter = 0
+    for _ in range(2000):
+        tree = random_tree(rng, 5)
+        before, short = Formula(tree, NAMES)(X), fm.simplified(tree)
+        finite = np.isfinite(before)
+        if not finite.all() or np.abs(before).max() > 1e9:
+            continue
+        # A difference of nearly equal numbers has no relative accuracy: perturb to see how much.
+        jitter = fm.with_constants(tree, np.array(fm.constants(tree)) * (1 + 1e-13))
+        noise = np.abs(Formula(jitter, NAMES)(X * (1 + 1e-13)) - before)
+        if np.nanmax(noise / np.abs(before).clip(1e-300)) > 1e-8:
+            continue
+        np.testing.assert_allclose(Formula(short, NAMES)(X), before, rtol=1e-6)
+        compared += 1
+        shorter += fm.size(short) < fm.size(tree)
+    assert compared > 500 and shorter > 200
+
+
+def test_simplification_merges_weights_and_terms():
+    weighted = fm.parsed("(2*x) * (3*y) / (4*x)", ["x", "y"])
+    assert fm.simplified(weighted) == ("*", 1.5, "y") or fm.simplified(weighted) == ("*", "y", 1.5)
+    assert fm.simplified(fm.parsed("x + 2*x - 3*x", ["x"])) == 0.0
+    assert fm.size(fm.simplified(fm.parsed("2*(3*x + 6*y)*y", ["x", "y"]))) == 9
+
+
+def test_exports_of_the_exact_relation_equal_the_oracle():
+    X, y = designs(10_000, 5)
+    f = Formula(fm.parsed(EXACT, NAMES), NAMES)
+    assert (f.size, f.depth) == (33, 7) and Constraints().allow(f.tree)
+    np.testing.assert_allclose(f(X), y, rtol=1e-12)
+
+
+def test_a_formula_survives_pickling_and_refuses_infinity():
+    X, _ = designs(10, 5)
+    f = Formula(fm.parsed(EXACT, NAMES), NAMES)
+    values = f(X)  # compiles
+    np.testing.assert_array_equal(pickle.loads(pickle.dumps(f))(X), values)
+    with pytest.raises(InputError, match="not finite"):
+        Formula(("+", "E_ratio", float("nan")), NAMES)
+    with pytest.raises(InputError, match="3 columns"):
+        f(X.to_numpy()[:, :2])
+
+
+def check_exports(f, X):
+    """Source (run in a fresh namespace), SymPy and LaTeX against the formula itself."""
+    values = f(X)
+    assert np.isfinite(values).all()
+    scope = {}
+    exec(f.python("g"), scope)
+    columns = [X[name].to_numpy() for name in NAMES]
+    source = np.broadcast_to(scope["g"](*columns), len(X))
+    np.testing.assert_allclose(source, values, rtol=1e-6)
+    expression = f.sympy()
+    numeric = sympy.lambdify([sympy.Symbol(n, positive=True) for n in NAMES], expression, "numpy")
+    np.testing.assert_allclose(np.broadcast_to(numeric(*columns), len(X)), values, rtol=1e-6)
+    text = f.latex({"E_ratio": "n", "h_ratio": "m", "slenderness": "t"})
+    assert "ratio" not in text and "slenderness" not in text
+    return source
+
+
+def test_every_formula_of_the_front_exports_to_itself(short):
+    model, X, _ = short
+    # 10⁴ designs inside the box of the training designs
+    fresh = REDUCED.with_bounds(**{n: (X[n].min(), X[n].max()) for n in NAMES}).sample(
+        10_000, seed=9
+    )
+    assert len(model.front_) >= 5
+    for f in model.front_["formula"]:
+        check_exports(f, fresh)
+    np.testing.assert_array_equal(model.predict(fresh), check_exports(model.formula_, fresh))
+
+
+# constraints
+
+
+@pytest.mark.parametrize(
+    "bad",
+    [
+        {"operators": ("+", "sin")},
+        {"operators": ()},
+        {"max_depth": 0},
+        {"max_size": 2.5},
+        {"seconds": 0},
+        {"seconds": float("nan")},
+        {"generations": 0},
+        {"threads": True},
+        {"population": 3},
+        {"seed": -1},
+        {"forbidden_nesting": (("log", "exp"),)},
+        {"forbidden_nesting": ("log",)},
+    ],
+)
+def test_bad_constraints_are_refused(bad):
+    with pytest.raises(InputError):
+        Constraints(**bad)
+
+
+def test_constraints_hold_for_every_formula_returned():
+    X, y = designs(300, 3)
+    limits = Constraints(
+        max_depth=5,
+        max_size=15,
+        forbidden_nesting=(("log", "log"), ("/", "/"), ("log", "/")),
+        generations=15,
+        seed=1,
+    )
+    for log_target in (True, False):
+        model = SymbolicRegressor(REDUCED, constraints=limits, log_target=log_target).fit(X, y)
+        used = set()
+        for f, size, depth in model.front_[["formula", "size", "depth"]].itertuples(index=False):
+            assert f.size == size <= 15 and f.depth == depth <= 5
+            used |= fm.operators(f.tree)
+            for pair in limits.forbidden_nesting:
+                assert not fm.nests(f.tree, *pair), f
+        assert "/" in used  # the constraint had something to forbid
+
+
+def test_operators_that_are_not_allowed_do_not_come_back():
+    X, y = designs(300, 3)
+    limits = Constraints(operators=("+", "*"), generations=10, seed=1)
+    model = SymbolicRegressor(REDUCED, constraints=limits, reciprocal=False).fit(X, y)
+    assert all(fm.operators(f.tree) <= {"+", "*"} for f in model.front_["formula"])
+    with pytest.raises(InputError, match="reciprocal"):
+        SymbolicRegressor(REDUCED, constraints=limits).fit(X, y)
+    with pytest.raises(InputError, match="weighs every input"):
+        SymbolicRegressor(REDUCED, constraints=Constraints(operators=("+",)), reciprocal=False).fit(
+            X, y
+        )
+
+
+def test_time_budget_is_kept():
+    X, y = designs(500, 1)
+    start = time.monotonic()
+    model = SymbolicRegressor(REDUCED, constraints=Constraints(seconds=1.5)).fit(X, y)
+    seconds = time.monotonic() - start
+    # One generation and one refit may be under way when time is up.
+    assert 1.0 < model.seconds_ <= seconds < 3.0
+
+
+def test_same_seed_same_front():
+    X, y = designs(200, 1)
+
+    def texts(seed):
+        limits = Constraints(seconds=60, generations=20, population=60, seed=seed)
+        model = SymbolicRegressor(REDUCED, constraints=limits).fit(X, y)
+        return [str(f) for f in model.front_["formula"]]
+
+    first = texts(3)
+    assert len(first) > 2
+    assert texts(3) == first
+    assert texts(4) != first
+
+
+# engines
+
+
+def test_operon_reads_its_own_trees():
+    """The tree we rebuild from Operon's nodes has Operon's values (it computes in float32)."""
+    import pyoperon as op
+
+    X = REDUCED.sample(200, seed=4).to_numpy()
+    y = np.ones(len(X))
+    dataset = op.Dataset(np.asfortranarray(np.column_stack([X, y])))
+    names = {v.Name: v.Hash for v in dataset.Variables}
+    hashes = sorted(dataset.Variables, key=lambda v: v.Index)
+    text = "((2.5 * X1) - (X2 / (0.5 + X3))) * log(X2 * 3.0)"
+    tree = op.InfixParser.Parse(text, names)
+    ours = engines.read_operon(tree.Nodes, {v.Hash: n for v, n in zip(hashes, NAMES, strict=False)})
+    theirs = op.Evaluate(op.DispatchTable(), tree, dataset, op.Range(0, len(X)))
+    np.testing.assert_allclose(Formula(ours, NAMES)(X), theirs, rtol=1e-4)
+    n, m, t = X.T
+    np.testing.assert_allclose(
+        Formula(ours, NAMES)(X), (2.5 * n - m / (0.5 + t)) * np.log(m * 3), rtol=1e-6
+    )
+
+
+def test_refit_recovers_the_constants():
+    X, y = designs(500, 2)
+    tree = fm.parsed(EXACT, NAMES)
+    start = np.array(fm.constants(tree)) * np.random.default_rng(0).uniform(0.8, 1.25, 6 + 1)
+    fitted, error = refit(fm.with_constants(tree, start), X.to_numpy(), y, NAMES, True)
+    assert error < 1e-8
+    assert fm.size(fitted) == fm.size(tree)
+
+
+def pysr_source():
+    spec = importlib.util.find_spec("pysr")
+    assert spec is not None, "the dev extra installs pysr"
+    return Path(spec.origin).with_name("sr.py").read_text()
+
+
+def pysr_init():
+    for node in ast.walk(ast.parse(pysr_source())):
+        if isinstance(node, ast.ClassDef) and node.name == "PySRRegressor":
+            return next(
+                f for f in node.body if isinstance(f, ast.FunctionDef) and f.name == "__init__"
+            )
+    raise AssertionError("no PySRRegressor in the installed pysr")
+
+
+def accepted(annotation, value):
+    """Whether a value fits a type annotation, as far as PySR's own annotations go."""
+    if isinstance(annotation, ast.BinOp):
+        return accepted(annotation.left, value) or accepted(annotation.right, value)
+    if isinstance(annotation, ast.Constant):
+        return value is None
+    if isinstance(annotation, ast.Name):
+        kinds = {"int": int, "float": (int, float), "str": str, "bool": bool}
+        if annotation.id == "bool" or not isinstance(value, bool):
+            return annotation.id in kinds and isinstance(value, kinds[annotation.id])
+        return False
+    if isinstance(annotation, ast.Subscript):
+        inner = annotation.slice
+        items = inner.elts if isinstance(inner, ast.Tuple) else [inner]
+        match annotation.value.id:
+            case "Literal":
+                return value in [ast.literal_eval(i) for i in items]
+            case "list":
+                return isinstance(value, list) and all(accepted(items[0], v) for v in value)
+            case "dict":
+                return isinstance(value, dict) and all(
+                    accepted(items[0], k) and accepted(items[1], v) for k, v in value.items()
+                )
+    return False
+
+
+@pytest.mark.parametrize("threads", [1, 2])
+@pytest.mark.parametrize("log_target", [True, False])
+@pytest.mark.parametrize("nesting", [(), (("log", "log"), ("log", "/"), ("/", "/"))])
+def test_every_argument_fits_the_installed_pysr(threads, log_target, nesting):
+    limits = Constraints(
+        threads=threads, forbidden_nesting=nesting, max_size=25, max_depth=6, seed=4
+    )
+    given = engines.pysr_arguments(limits, log_target, 12.5)
+    init = pysr_init().args
+    known = {a.arg: a.annotation for a in init.args[1:] + init.kwonlyargs}
+    for name, value in given.items():
+        assert name in known, f"PySRRegressor {metadata.version('pysr')} takes no {name}"
+        assert accepted(known[name], value), f"{name}={value!r}: {ast.unparse(known[name])}"
+    # what the words mean, from PySR's own documentation and checks
+    assert given["maxsize"] == 25 and given["maxdepth"] == 6 and given["maxsize"] >= 7
+    assert given["timeout_in_seconds"] == 12.5
+    assert set(given["binary_operators"]) == set("+-*/") and given["unary_operators"] == ["log"]
+    expected = {"log": {"log": 0, "/": 0}, "/": {"/": 0}} if nesting else None
+    assert given["nested_constraints"] == expected
+    assert given["deterministic"] is (threads == 1)
+    assert not given["deterministic"] or (
+        given["parallelism"] == "serial" and given["random_state"] == 4
+    )
+    # PySR warns about a seed without determinism
+    assert given["deterministic"] or given["random_state"] is None
+
+
+def test_pysr_nesting_names_only_operators_in_use():
+    limits = Constraints(operators=("+", "*"), forbidden_nesting=(("log", "log"), ("*", "+")))
+    given = engines.pysr_arguments(limits, True, 1.0)
+    assert given["nested_constraints"] == {"*": {"+": 0}} and given["unary_operators"] == []
+
+
+def test_without_julia_one_sentence_and_pysr_is_never_imported(tmp_path):
+    """In a fresh process with an empty PATH: importing pysr would start a download."""
+    code = """
+        import sys
+        import numpy as np
+        from foldlab.errors import InputError
+        from foldlab.symbolic import SymbolicRegressor
+        sys.prefix = sys.argv[1]
+        try:
+            SymbolicRegressor(engine="pysr").fit(np.ones((20, 1)), np.ones(20))
+        except InputError as error:
+            print(error)
+        assert not {"pysr", "juliacall", "juliapkg"} & set(sys.modules)
+    """
+    done = subprocess.run(
+        [sys.executable, "-c", textwrap.dedent(code), str(tmp_path)],
+        env={"PATH": str(tmp_path), "HOME": str(tmp_path), "PYTHONPATH": ":".join(sys.path)},
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    message = done.stdout.strip()
+    assert "install Julia" in message and "operon" in message
+    assert "\n" not in message and ". " not in message
+    assert done.stderr == ""
+
+
+def test_pysr_hall_of_fame_becomes_formulas(monkeypatch):
+    """The adapter from the call to the parsed equations, with PySR's class replaced."""
+    seen = {}
+
+    class Regressor:
+        def __init__(self, **arguments):
+            seen.update(arguments)
+
+        def fit(self, X, y, variable_names):
+            seen["names"] = variable_names
+            self.equations_ = pd.DataFrame(
+                {"equation": ["x0", "(x0 * -1.5e-3) / log(x1)", "x1 - (-x0)"]}
+            )
+
+    module = type(sys)("pysr")
+    module.PySRRegressor = Regressor
+    monkeypatch.setitem(sys.modules, "pysr", module)
+    monkeypatch.setattr(engines.importlib.util, "find_spec", lambda name: object())
+    monkeypatch.setattr(engines, "julia", lambda: "/opt/julia")
+    monkeypatch.setenv("PYTHON_JULIAPKG_EXE", "/opt/julia")
+    X, y = np.ones((5, 2)), np.ones(5)
+    trees = engines.pysr(X, y, ("x0", "x1"), Constraints(), True, time.monotonic() + 3)
+    assert trees == [
+        "x0",
+        ("/", ("*", "x0", -1.5e-3), ("log", "x1")),
+        ("-", "x1", ("*", -1.0, "x0")),
+    ]
+    assert seen["names"] == ["x0", "x1"] and 1 <= seen["timeout_in_seconds"] <= 3
+    with pytest.raises(InputError, match="from 7 up"):
+        engines.pysr(X, y, ("x0", "x1"), Constraints(max_size=5), True, time.monotonic())
+
+
+# estimators
+
+
+def test_front_trades_size_for_error(short):
+    model, X, y = short
+    front = model.front_
+    assert (np.diff(front["size"]) > 0).all() and (np.diff(front["error"]) < 0).all()
+    for f, error in front[["formula", "error"]].itertuples(index=False):
+        assert np.sqrt(np.mean(np.log(f(X) / y) ** 2)) == pytest.approx(error, rel=1e-6)
+    assert front["error"].min() < 0.5 * front["error"].max()
+    assert model.formula_.size <= front["size"].max()
+
+
+def test_a_simple_law_is_found_exactly():
+    rng = np.random.default_rng(0)
+    X = pd.DataFrame(rng.uniform(1, 5, (200, 2)), columns=["a", "b"])
+    y = 3.0 * X.a / (X.b * X.b)
+    limits = Constraints(seconds=60, generations=12, seed=0, population=200)
+    model = SymbolicRegressor(constraints=limits).fit(X, y)
+    np.testing.assert_allclose(model.predict(X), y, rtol=1e-8)
+    assert model.formula_.size == 7
+    z = 2.0 * X.a - 0.5 * X.b - 4.0  # changes sign
+    plain = SymbolicRegressor(constraints=limits, log_target=False, reciprocal=False).fit(X, z)
+    np.testing.assert_allclose(plain.predict(X), z, rtol=1e-6, atol=1e-8)
+
+
+def test_regressor_refuses_bad_targets_and_settings():
+    X, y = designs(50, 1)
+    with pytest.raises(InputError, match="above 0"):
+        SymbolicRegressor(REDUCED).fit(X, y - 100)
+    with pytest.raises(InputError, match="without zeros"):
+        SymbolicRegressor(REDUCED, log_target=False).fit(X, y * 0)
+    with pytest.raises(InputError, match="no engine"):
+        SymbolicRegressor(REDUCED, engine="eureqa").fit(X, y)
+    with pytest.raises(InputError, match="Constraints"):
+        SymbolicRegressor(REDUCED, constraints={"seed": 1}).fit(X, y)
+    with pytest.raises(InputError, match="lacks slenderness"):
+        SymbolicRegressor(REDUCED).fit(X[["E_ratio", "h_ratio"]], y)
+    with pytest.raises(InputError, match="expected 3 columns"):
+        SymbolicRegressor(REDUCED).fit(X.to_numpy()[:, :2], y)
+
+
+def test_no_usable_candidate_is_an_error_and_usable_ones_survive(monkeypatch):
+    X, y = designs(50, 1)
+    bad = [
+        ("log", ("log", "E_ratio")),  # undefined in part of the box, and log in log
+        ("-", "h_ratio", "E_ratio"),  # not positive everywhere
+        ("log", ("-", "E_ratio", "h_ratio")),  # undefined in part of the box
+        ("log", ("+", 1.0, ("log", "E_ratio"))),  # log in log
+        ("*", float("inf"), "E_ratio"),
+    ]
+    found = list(bad)
+    monkeypatch.setitem(engines.ENGINES, "operon", lambda *_: found)
+    model = SymbolicRegressor(REDUCED, reciprocal=False)
+    with pytest.raises(InputError, match="no finite formula"):
+        model.fit(X, y)
+    found.append(("*", -1.0, "E_ratio"))  # log|A| leaves the sign open
+    assert model.fit(X, y).front_["formula"].map(lambda f: f.size).tolist() == [3]
+    assert (model.predict(X) > 0).all()
+
+
+def test_prediction_outside_the_formula_is_an_error():
+    X, y = designs(50, 1)
+    model = SymbolicRegressor(REDUCED, constraints=TINY).fit(X, y)
+    model.formula_ = Formula(("log", ("-", "E_ratio", 1e6)), NAMES)
+    with pytest.raises(InputError, match="not defined in row 0"):
+        model.predict(X)
+
+
+TINY = Constraints(seconds=0.15, generations=2, population=20)
+
+
+def test_check_estimator():
+    check_estimator(
+        SymbolicRegressor(constraints=TINY, log_target=False, reciprocal=False),
+        on_skip=None,
+    )
+
+
+def test_classifier_thresholds_the_formula(short):
+    regressor, X, y = short
+    model = SymbolicClassifier(REDUCED, constraints=regressor.constraints).fit(X, y)
+    fresh, _ = designs(5000, 77)
+    truth = folds(fresh.E_ratio, fresh.h_ratio, fresh.slenderness)
+    labels = model.predict(fresh)
+    assert model.classes_.tolist() == [False, True] and labels.dtype == bool
+    np.testing.assert_array_equal(labels, regressor.predict(fresh) >= FULL_TURN)
+    assert model.score(fresh, truth) > max(0.8, truth.mean(), 1 - truth.mean())
+    p = model.predict_proba(fresh)
+    np.testing.assert_allclose(p.sum(axis=1), 1)
+    np.testing.assert_array_equal(p[:, 1] >= 0.5, labels)
+    # Probabilities mean something: among designs given 60–90 %, about that share folds.
+    unsure = (p[:, 1] > 0.6) & (p[:, 1] < 0.9)
+    assert unsure.sum() > 50
+    assert abs(truth[unsure].mean() - p[unsure, 1].mean()) < 0.2
+    with pytest.raises(InputError, match="booleans"):
+        SymbolicClassifier(REDUCED).fit(fresh, truth)
+    with pytest.raises(InputError, match="threshold"):
+        SymbolicClassifier(REDUCED, threshold=-1).fit(X, y)
