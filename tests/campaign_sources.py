@@ -1,0 +1,76 @@
+"""A slow label source that misbehaves on demand, and a campaign as a script that can be killed.
+
+``python campaign_sources.py STORE N SECONDS pool|threads`` labels N designs.
+"""
+
+import os
+import signal
+import sys
+import time
+from concurrent.futures import ThreadPoolExecutor
+
+import pandas as pd
+
+from foldlab.campaign import run_campaign
+from foldlab.labels import Label
+
+FOLDS, NOT, UNKNOWN, RAISES, NONE, EXITS, KILLED, UNPICKLABLE, NAN, SYS_EXIT, OTHER = range(11)
+
+
+def designs(kinds):
+    return pd.DataFrame({"x": range(len(kinds)), "kind": kinds}).astype(float)
+
+
+class Unpicklable(Exception):
+    def __init__(self, message):
+        super().__init__(message, lambda: None)
+
+    def __str__(self):
+        return "held a lambda"
+
+
+class Slow:
+    """Answers as the design's ``kind`` says, after ``seconds``; logs its calls in a file."""
+
+    name = "slow"
+    version = "1"
+
+    def __init__(self, log=None, seconds=0.0):
+        self.log = log
+        self.seconds = seconds
+        self.calls = 0
+
+    def label(self, design):
+        kind = int(design["kind"])
+        self.calls += 1
+        if self.log:
+            with open(self.log, "a") as file:
+                file.write(f"{design['x']:.0f} {os.getpid()}\n")
+        time.sleep(self.seconds)
+        if kind == RAISES:
+            raise ValueError(f"no state\nat {design['x']:.0f} %")
+        if kind == NONE:
+            return None
+        if kind == EXITS:
+            os._exit(7)
+        if kind == KILLED:
+            os.kill(os.getpid(), signal.SIGKILL)
+        if kind == UNPICKLABLE:
+            raise Unpicklable("x")
+        if kind == SYS_EXIT:
+            sys.exit("enough")
+        if kind == OTHER:
+            design = {**design, "x": -1.0}
+        evidence = {"angle": float("nan") if kind == NAN else design["x"] / 7, "calls": self.calls}
+        answer = {FOLDS: True, NOT: False, UNKNOWN: None}.get(kind, True)
+        return Label(design, answer, f"answered {answer}", {"seconds": time.time(), **evidence})
+
+
+if __name__ == "__main__":
+    path, count, seconds, how = sys.argv[1:]
+    table = designs([k % 3 for k in range(int(count))])
+    print("begun", flush=True)
+    with ThreadPoolExecutor(2) as threads:
+        executor = threads if how == "threads" else None
+        source = Slow(path + ".log", float(seconds))
+        run_campaign(table, source, path, executor=executor, workers=2, progress=False)
