@@ -140,6 +140,12 @@ def test_threshold_curve_agrees_with_scores_and_falls(network):
         threshold_curve(network, X[y], y[y])
 
 
+def test_threshold_curve_counts_designs_on_the_threshold_as_passing():
+    curve = threshold_curve(Identity(), column([0.5, 0.2, 0.5, 0.9]), [False, False, True, True])
+    row = curve[curve["threshold"] == 0.5].iloc[0]
+    assert (row["false_positive_rate"], row["recall"]) == (0.5, 1)
+
+
 def test_loss_weights_trade_recall_for_fewer_false_positives():
     X, y = labelled(800, 0)
     fresh, truth = labelled(20_000, 1)
