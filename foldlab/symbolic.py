@@ -320,7 +320,7 @@ def _guard_points(X, seed: int) -> np.ndarray:
 def _front(rows: list[tuple]) -> pd.DataFrame:
     """The rows that no other beats in both size and error, by size."""
     front = []
-    for row in sorted(rows, key=lambda r: r[:3]):
+    for row in sorted(rows, key=lambda r: (r[0], r[2], r[1])):
         if not front or row[2] < front[-1][2]:
             front.append(row)
     return pd.DataFrame(front, columns=["size", "depth", "error", "formula"])
