@@ -34,7 +34,7 @@ class Config:
     n_train: int = 6000
     n_test: int = 1000
     n_fresh: int = 200_000
-    n_calibration: int = 20_000
+    n_calibration: int = 12_000
     rate: float = 1e-3
     proposals: int = 1000
     symbolic_seconds: float = 60.0

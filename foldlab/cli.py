@@ -31,7 +31,7 @@ app = typer.Typer(
     add_completion=False,
     pretty_exceptions_enable=False,
 )
-err = Console(stderr=True)
+err = Console(stderr=True, soft_wrap=True)
 
 Json = Annotated[bool, typer.Option("--json", help="Print one JSON object on stdout.")]
 Seed = Annotated[int, typer.Option("--seed", min=0, help="Seed of every random choice.")]
@@ -53,10 +53,10 @@ def main() -> None:
     try:
         status = app(standalone_mode=False)
     except InputError as error:
-        err.print(f"error: {error}", markup=False, highlight=False, soft_wrap=True)
+        err.print(f"error: {error}", markup=False, highlight=False)
         sys.exit(2)
     except NotReached as error:
-        err.print(f"not reached: {error}", markup=False, highlight=False, soft_wrap=True)
+        err.print(f"not reached: {error}", markup=False, highlight=False)
         sys.exit(3)
     except typer.Abort:
         sys.exit(130)
@@ -70,7 +70,7 @@ def main() -> None:
 
 
 def _show_warning(message, category, filename, lineno, file=None, line=None) -> None:
-    err.print(f"warning: {message}", markup=False, highlight=False, soft_wrap=True)
+    err.print(f"warning: {message}", markup=False, highlight=False)
 
 
 def emit(result: dict[str, Any], as_json: bool, rows: list[dict] | None = None) -> None:
@@ -78,7 +78,7 @@ def emit(result: dict[str, Any], as_json: bool, rows: list[dict] | None = None) 
     if as_json:
         print(json.dumps(plain(result), allow_nan=False))
         return
-    out = Console()
+    out = Console(width=None if sys.stdout.isatty() else 160)
     if rows:
         table = Table(show_edge=False)
         for name in rows[0]:
@@ -409,11 +409,12 @@ def quickstart(
     as_json: Json = False,
 ) -> None:
     """Sample, label, train, compare, map and track on the reduced space, in about two minutes."""
+    from foldlab.compare import readable
     from foldlab.quickstart import Settings, run
 
     chosen = build(Settings, read_settings(settings or (), config), seed=seed)
     result = run(chosen, out, say=lambda text: err.print(text, highlight=False))
-    emit(result, as_json, result["table"])
+    emit(result, as_json, readable(result["table"]))
 
 
 def _ranges(pairs) -> dict[str, tuple[float, float]]:

@@ -92,3 +92,22 @@ def fit(name: str, space: DesignSpace, labels: pd.DataFrame, *, seed: int, **opt
             )
         return model.fit(known[space.names], known["normalised_angle"].to_numpy(float))
     return model.fit(known[space.names], target)
+
+
+def readable(rows: list[dict[str, Any]]) -> list[dict[str, str]]:
+    """Rows of :func:`compare` as short texts for a printed table."""
+    return [
+        {
+            "model": row["model"],
+            "1000 test": f"{row['accuracy']:.3f}",
+            "95 % interval": f"{row['accuracy_low']:.3f}–{row['accuracy_high']:.3f}",
+            "fresh": f"{row['accuracy_fresh']:.4f}",
+            "false pos.": f"{row['false_positive_rate']:.4f}",
+            "train s": f"{row['train_seconds']:.1f}",
+            "s / 10⁶": f"{row['seconds_per_million']:.2f}",
+            "labels": str(row["labels"]),
+            "size": f"{row['size']} {row['size_unit']}",
+            "dissertation": f"{row['dissertation']:.3f}" if row["dissertation"] else "–",
+        }
+        for row in rows
+    ]

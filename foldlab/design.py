@@ -13,7 +13,6 @@ from typing import Literal
 
 import numpy as np
 import pandas as pd
-from scipy.stats import qmc
 
 from foldlab.errors import InputError
 
@@ -108,6 +107,9 @@ class DesignSpace:
 
         ``optimization`` spreads the points further (SciPy's options); its cost grows as n².
         """
+        # Its import takes most of a second, and every worker process imports this module.
+        from scipy.stats import qmc
+
         if n < 1:
             raise InputError(f"n = {n}: a sample needs at least one design")
         engine = qmc.LatinHypercube(d=len(self), rng=seed, optimization=optimization)

@@ -284,27 +284,35 @@ def _is_formula(model) -> bool:
 
 
 def _save_formula(model, directory: Path) -> dict:
-    rows = [{"error": row.error, "tree": row.formula.tree} for row in model.front_.itertuples()]
-    name = f"{model.formula_}"
-    (directory / "formula.py").write_text(model.formula_.python(), encoding="utf-8")
+    chosen = model.formula_
+    (directory / "formula.py").write_text(chosen.python(), encoding="utf-8")
+    formulas = list(model.front_["formula"])
     return {
-        "formula": name,
-        "latex": model.formula_.latex(),
-        "chosen": [row["tree"] for row in rows].index(model.formula_.tree),
-        "front": rows,
-        "inputs": model.formula_.inputs,
+        "formula": str(chosen),
+        "latex": chosen.latex(),
+        "inputs": list(chosen.inputs),
+        "front": [
+            {"error": float(error), "tree": f.tree}
+            for error, f in zip(model.front_["error"], formulas, strict=True)
+        ],
+        "chosen": formulas.index(chosen),
         "space": space_to_json(model.space),
         "threshold": model.threshold,
         "scale": model.scale_,
-        "n_features": model.n_features_in_,
     }
 
 
 def _load_formula(directory: Path, state: dict):
+    from foldlab.formula import Formula
     from foldlab.symbolic import SymbolicClassifier
 
+    def tree(node):
+        return tuple(tree(part) for part in node) if isinstance(node, list) else node
+
+    inputs = tuple(state["inputs"])
+    front = [(row["error"], Formula(tree(row["tree"]), inputs)) for row in state["front"]]
     model = SymbolicClassifier(space_from_json(state["space"]), threshold=state["threshold"])
-    return model.restore(state["front"], state["chosen"], state["inputs"], state["scale"])
+    return model.restore(front, state["chosen"], state["scale"])
 
 
 # The first that matches is taken.

@@ -242,6 +242,31 @@ class SymbolicClassifier(ClassifierMixin, BaseEstimator):
         self.scale_ = max(math.sqrt(3) / math.pi * sigma, 1e-12)
         return self
 
+    def restore(self, front, chosen: int, scale: float) -> SymbolicClassifier:
+        """Fill an unfitted classifier with formulas that were fitted before (a saved model).
+
+        ``front``: rows (error, :class:`Formula`), ``chosen``: which of them answers, ``scale``: of
+        the probabilities.
+        """
+        rows = [(f.size, f.depth, error, f) for error, f in front]
+        regressor = SymbolicRegressor(
+            self.space, self.engine, self.constraints, True, self.reciprocal
+        )
+        regressor.front_ = pd.DataFrame(rows, columns=["size", "depth", "error", "formula"])
+        regressor.formula_ = front[chosen][1]
+        regressor.inputs_ = regressor.formula_.inputs
+        regressor.n_features_in_ = len(regressor.inputs_)
+        regressor.feature_names_in_ = np.array(regressor.inputs_, dtype=object)
+        self.regressor_, self.scale_ = regressor, scale
+        self.classes_ = np.array([False, True])
+        self.n_features_in_ = regressor.n_features_in_
+        return self
+
+    @property
+    def size_(self) -> tuple[int, str]:
+        """Size of the selected formula and its unit."""
+        return self.formula_.size, "nodes"
+
     @property
     def front_(self) -> pd.DataFrame:
         """The regressor's front."""

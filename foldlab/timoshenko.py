@@ -38,8 +38,8 @@ def normalised_curvature(
     """κ h_s / g (Eq. 4.14), nondimensional; arguments broadcast.
 
     The Poisson ratios matter only where the assumption uses them (see the module's text); with
-    equal ratios the first, second and fourth assumption agree. Raises :class:`InputError` for an unknown
-    assumption or a ratio outside (−1, 0.5).
+    equal ratios the first, second and fourth assumption agree. Raises :class:`InputError` for an
+    unknown assumption or a ratio outside (−1, 0.5).
     """
     for name, nu in (("nu_i", nu_i), ("nu_s", nu_s)):
         if not -1 < nu < 0.5:

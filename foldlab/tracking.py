@@ -66,7 +66,7 @@ def track(experiment: str, config: Mapping[str, Any], *, seed: int | None = None
 
     logging.getLogger("mlflow").setLevel(logging.ERROR)
     logging.getLogger("alembic").setLevel(logging.ERROR)
-    uri = tracking_uri()
+    uri = os.environ.get("MLFLOW_TRACKING_URI") or _local_uri()
     start = time.perf_counter()
     with warnings.catch_warnings():
         # MLflow's own calls into SQLAlchemy, pydantic and protobuf; nothing a user could mend.
@@ -89,11 +89,12 @@ def track(experiment: str, config: Mapping[str, Any], *, seed: int | None = None
 
 def tracking_uri() -> str:
     """``MLFLOW_TRACKING_URI`` if set, else the SQLite file below the working directory."""
-    return os.environ.get("MLFLOW_TRACKING_URI") or _local_uri()
+    return os.environ.get("MLFLOW_TRACKING_URI") or f"sqlite:///{ROOT / 'mlflow.db'}"
 
 
 def _local_uri() -> str:
-    return f"sqlite:///{ROOT / 'mlflow.db'}"
+    # Absolute, since MLflow keeps one store per address, whatever the working directory is by then.
+    return f"sqlite:///{(ROOT / 'mlflow.db').resolve()}"
 
 
 def commit() -> str:

@@ -8,6 +8,7 @@ import subprocess
 import sys
 from pathlib import Path
 
+import mlflow
 import pytest
 
 import experiments
@@ -25,13 +26,12 @@ def here(tmp_path, monkeypatch):
 
 @pytest.mark.parametrize("name", NAMES)
 def test_tiny(name, here):
-    mlflow = pytest.importorskip("mlflow")
     module = importlib.import_module(f"experiments.{name}")
     assert module.__doc__.strip().splitlines()[0].endswith(("?", ".")), "state the question"
     result = execute(name, module.run, module.TINY)
     json.dumps(result, allow_nan=False)
     assert result["table"]
-    client = mlflow.MlflowClient(f"sqlite:///{here / 'mlruns' / 'mlflow.db'}")
+    client = mlflow.MlflowClient(f"sqlite:///{here.resolve() / 'mlruns' / 'mlflow.db'}")
     (run,) = client.search_runs([client.get_experiment_by_name(name).experiment_id])
     assert run.info.status == "FINISHED"
     assert run.data.params["seed"] == "0"
