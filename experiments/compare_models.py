@@ -11,6 +11,7 @@ import sys
 from dataclasses import dataclass
 from typing import Any
 
+import numpy as np
 import pandas as pd
 
 from experiments.common import main, save_figure
@@ -56,7 +57,7 @@ TINY = Config(
 
 def run(config: Config, tracker) -> dict[str, Any]:
     source = TimoshenkoSource()
-    rows, points, shares, last = [], [], [], None
+    rows, points, shares, front = [], [], [], None
     for seed in range(config.seed, config.seed + config.seeds):
         train, test, fresh, calibration = (
             source.evaluate(REDUCED.sample(n, seed=1000 * k + seed))
@@ -109,7 +110,8 @@ def run(config: Config, tracker) -> dict[str, Any]:
             tracker.figure("trade_off", figure)
             for name, model in last.models.items():
                 tracker.model(name, model, test[REDUCED.names].head())
-            symbolic = last.models.get("symbolic")
+            if "symbolic" in last.models:
+                front = _front(last.models["symbolic"], fresh)
     seeds = pd.DataFrame(rows)
     tracker.table("per_seed", seeds)
     table = summary(seeds)
@@ -120,13 +122,25 @@ def run(config: Config, tracker) -> dict[str, Any]:
         "operating_point": _medians(points),
         "inverse": _medians(shares),
     }
-    if symbolic is not None:
-        front = symbolic.front_
-        figure = plot_pareto(front, "size", "accuracy", labels=None)
+    if front is not None:
+        figure = plot_pareto(
+            front,
+            "size",
+            "accuracy",
+            axis_labels={"size": "nodes", "accuracy": "accuracy on fresh designs"},
+        )
         save_figure(figure, "symbolic_front")
         tracker.figure("symbolic_front", figure)
-        out["symbolic_front"] = front.drop(columns="formula", errors="ignore").to_dict("records")
+        out["symbolic_front"] = front.to_dict("records")
     return out
+
+
+def _front(symbolic, fresh: pd.DataFrame) -> pd.DataFrame:
+    """The formulas of the front with their accuracy on fresh designs."""
+    X, truth = fresh[REDUCED.names].to_numpy(), fresh["foldable"].to_numpy(bool)
+    front = symbolic.front_
+    accuracy = [float(np.mean((f(X) >= symbolic.threshold) == truth)) for f in front["formula"]]
+    return front.assign(accuracy=accuracy, formula=front["formula"].map(str))
 
 
 def summary(seeds: pd.DataFrame) -> list[dict[str, Any]]:
