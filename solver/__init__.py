@@ -1,1 +1,1 @@
-"""Finite-strain solver: scenes, terms and equilibrium paths (empty until its own release)."""
+"""Finite-strain solver: scenes that are sums of terms, and their equilibrium paths."""

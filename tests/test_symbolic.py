@@ -184,6 +184,16 @@ def test_bad_constraints_are_refused(bad):
         Constraints(**bad)
 
 
+def test_each_limit_refuses_on_its_own():
+    tree = fm.parsed(EXACT, NAMES)  # 33 nodes, 7 levels, no "-" and no log, sums below quotients
+    assert Constraints(max_size=33, max_depth=7, operators=("+", "*", "/")).allow(tree)
+    assert not Constraints(max_size=32).allow(tree)
+    assert not Constraints(max_depth=6).allow(tree)
+    assert not Constraints(operators=("+", "*")).allow(tree)
+    assert not Constraints(forbidden_nesting=(("/", "+"),)).allow(tree)
+    assert not Constraints().allow(("+", "E_ratio", float("nan")))
+
+
 def test_constraints_hold_for_every_formula_returned():
     X, y = designs(300, 3)
     limits = Constraints(

@@ -1,0 +1,251 @@
+"""Body: mesh, element and quadrature, gathered once into arrays.
+
+The only file that touches scikit-fem's internals. Everything else sees nodes (n, 3), cells (m, k),
+shape gradients with respect to the reference position X, weights w·det(∂X/∂ξ), and the node graph:
+the pattern in which all terms write their 3 × 3 stiffness blocks.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from functools import cached_property
+
+import numba
+import numpy as np
+import scipy.sparse as sp
+import skfem
+
+# name: (scikit-fem element, quadrature order). hex20 is the reduced one, with 2 × 2 × 2 points.
+ELEMENTS = {
+    "hex27": (skfem.ElementHex2, 5),
+    "hex20": (skfem.ElementHexS2, 3),
+    "hex8": (skfem.ElementHex1, 3),
+    "tet10": (skfem.ElementTetP2, 2),
+    "tet4": (skfem.ElementTetP1, 1),
+}
+
+
+@dataclass(frozen=True, eq=False)
+class NodeGraph:
+    """Which pairs of nodes share a stiffness block: CSR of a symmetric node adjacency."""
+
+    indptr: np.ndarray
+    indices: np.ndarray
+
+    @property
+    def n(self) -> int:
+        """Number of nodes."""
+        return len(self.indptr) - 1
+
+    @property
+    def blocks(self) -> int:
+        """Number of blocks."""
+        return len(self.indices)
+
+    def positions(self, connectivity: np.ndarray) -> np.ndarray:
+        """Where block (a, b) of each row of ``connectivity`` (m, k) stands: (m, k, k) int32."""
+        return _positions(
+            self.indptr, self.indices, np.ascontiguousarray(connectivity, dtype=np.int32)
+        )
+
+    def find(self, other: NodeGraph) -> np.ndarray:
+        """Where each block of ``other``, a part of this graph, stands in this one."""
+        rows = np.repeat(np.arange(other.n), np.diff(other.indptr))
+        mine = np.repeat(np.arange(self.n), np.diff(self.indptr)) * self.n + self.indices
+        return np.searchsorted(mine, rows * self.n + other.indices)
+
+    @classmethod
+    def of(cls, n: int, *connectivities: np.ndarray) -> NodeGraph:
+        """All pairs of nodes within each row of the given connectivities, and the diagonal."""
+        rows, cols = [np.arange(n)], [np.arange(n)]
+        for c in connectivities:
+            k = c.shape[1]
+            rows.append(np.repeat(c, k, axis=1).ravel())
+            cols.append(np.tile(c, (1, k)).ravel())
+        return cls._from_pairs(n, np.concatenate(rows), np.concatenate(cols))
+
+    @classmethod
+    def union(cls, graphs) -> NodeGraph:
+        """The blocks of all of them."""
+        rows = [np.repeat(np.arange(g.n), np.diff(g.indptr)) for g in graphs]
+        cols = [g.indices for g in graphs]
+        return cls._from_pairs(graphs[0].n, np.concatenate(rows), np.concatenate(cols))
+
+    @classmethod
+    def _from_pairs(cls, n, rows, cols) -> NodeGraph:
+        graph = sp.csr_array((np.ones(len(rows), bool), (rows, cols)), shape=(n, n))
+        graph.sum_duplicates()
+        graph.sort_indices()
+        return cls(graph.indptr.astype(np.int64), graph.indices.astype(np.int32))
+
+
+@numba.njit(cache=True)
+def _positions(indptr, indices, cells):
+    m, k = cells.shape
+    out = np.empty((m, k, k), np.int32)
+    for e in range(m):
+        for a in range(k):
+            row = cells[e, a]
+            for b in range(k):
+                col, lo, hi = cells[e, b], indptr[row], indptr[row + 1]
+                while hi - lo > 1:
+                    mid = (lo + hi) // 2
+                    if indices[mid] <= col:
+                        lo = mid
+                    else:
+                        hi = mid
+                out[e, a, b] = lo
+    return out
+
+
+@dataclass(frozen=True, eq=False)
+class Surface:
+    """Facets of a body with their own shape functions, for loads on surfaces.
+
+    ``nodes`` (f, k): nodes of each facet; ``shapes`` (f, q, k); ``tangents`` (f, q, k, 2):
+    gradients of the shapes along two orthonormal reference tangents t₁, t₂ with t₁ × t₂ = outward
+    normal; ``weights`` (f, q): reference area; ``normals`` (f, q, 3), outward, reference.
+    """
+
+    nodes: np.ndarray
+    shapes: np.ndarray
+    tangents: np.ndarray
+    weights: np.ndarray
+    normals: np.ndarray
+    frames: np.ndarray = field(repr=False)  # (f, q, 2, 3): t₁, t₂
+
+
+@dataclass(frozen=True, eq=False)
+class Body:
+    """Mesh and element as arrays; make one with :meth:`build`.
+
+    ``nodes`` (n, 3); ``cells`` (m, k); ``shapes`` (q, k); ``gradients`` (m, q, k, 3) = ∂N/∂X;
+    ``weights`` (m, q) = w·det(∂X/∂ξ).
+    """
+
+    mesh: skfem.Mesh
+    element: str
+    basis: skfem.Basis = field(repr=False)
+    nodes: np.ndarray = field(repr=False)
+    cells: np.ndarray = field(repr=False)
+    shapes: np.ndarray = field(repr=False)
+    gradients: np.ndarray = field(repr=False)
+    weights: np.ndarray = field(repr=False)
+
+    @classmethod
+    def build(cls, mesh: skfem.Mesh, element: str = "hex27") -> Body:
+        """Raises ValueError for an unknown element or inverted cells (it says how many and where).
+
+        Sub-domains and boundaries named in the mesh keep their names.
+        """
+        if element not in ELEMENTS:
+            raise ValueError(f"no element {element!r}; there are: {', '.join(ELEMENTS)}")
+        maker, order = ELEMENTS[element]
+        basis = skfem.Basis(mesh, maker(), intorder=order)
+        det = np.asarray(basis.mapping.detDF(basis.X))
+        # scikit-fem takes |det|, so an order of nodes that mirrors a cell is no fault; a sign that
+        # changes within the cell is.
+        det = det * np.sign(det[:, :1])
+        if not (det > 0).all():
+            bad = np.flatnonzero((det <= 0).any(axis=1))
+            where = mesh.p[:, mesh.t[:, bad[0]]].mean(axis=1)
+            raise ValueError(
+                f"{len(bad)} of {len(det)} cells are inverted or flat, the first near "
+                f"({where[0]:.4g}, {where[1]:.4g}, {where[2]:.4g}); mend the mesh"
+            )
+        cells = np.ascontiguousarray(basis.element_dofs.T, dtype=np.int32)
+        k = cells.shape[1]
+        gradients = np.empty((*basis.dx.shape, k, 3))
+        shapes = np.empty((basis.dx.shape[1], k))
+        for a in range(k):
+            gradients[:, :, a, :] = np.moveaxis(np.asarray(basis.basis[a][0].grad), 0, -1)
+            shapes[:, a] = np.asarray(basis.basis[a][0].value)[0]
+        weights = np.ascontiguousarray(np.asarray(basis.dx))
+        nodes = np.ascontiguousarray(basis.doflocs.T)
+        return cls(mesh, element, basis, nodes, cells, shapes, gradients, weights)
+
+    @cached_property
+    def graph(self) -> NodeGraph:
+        """Node pairs that share a cell."""
+        return NodeGraph.of(len(self.nodes), self.cells)
+
+    @cached_property
+    def positions(self) -> np.ndarray:
+        """Where the blocks of each cell stand in :attr:`graph`, (m, k, k)."""
+        return self.graph.positions(self.cells)
+
+    @cached_property
+    def length(self) -> float:
+        """Largest extent: the scene's scale of length."""
+        return float(np.ptp(self.nodes, axis=0).max())
+
+    @property
+    def unknowns(self) -> int:
+        """Displacement components in all."""
+        return 3 * len(self.nodes)
+
+    def points(self) -> np.ndarray:
+        """Reference positions of the quadrature points, (m, q, 3)."""
+        return np.moveaxis(np.asarray(self.basis.global_coordinates()), 0, -1)
+
+    def node_volumes(self, density: np.ndarray | float = 1.0) -> np.ndarray:
+        """∫ ρ N_a dV for every node, (n,); ``density`` broadcasts to (m, q)."""
+        share = np.einsum(
+            "mq,qk->mk", np.broadcast_to(density, self.weights.shape) * self.weights, self.shapes
+        )
+        return np.bincount(self.cells.ravel(), share.ravel(), minlength=len(self.nodes))
+
+    def nodes_where(self, test: Callable[[np.ndarray], np.ndarray]) -> np.ndarray:
+        """Nodes whose position satisfies ``test(X)``, X (n, 3)."""
+        return np.flatnonzero(test(self.nodes))
+
+    def cells_where(self, test: Callable[[np.ndarray], np.ndarray]) -> np.ndarray:
+        """Mask (m,) of the cells whose centre satisfies ``test(X)``, X (m, 3)."""
+        return np.asarray(test(self.mesh.p[:, self.mesh.t].mean(axis=1).T), dtype=bool)
+
+    def surface(self, facets: str | Callable[[np.ndarray], np.ndarray] | np.ndarray) -> Surface:
+        """Boundary facets by name, by a test of their centres X (n, 3), or by scikit-fem index.
+
+        Raises ValueError if there are none.
+        """
+        mesh = self.mesh
+        if isinstance(facets, str):
+            names = mesh.boundaries or {}
+            if facets not in names:
+                raise ValueError(f"no boundary {facets!r}; there are: {', '.join(names) or 'none'}")
+            chosen = np.asarray(names[facets])
+        elif callable(facets):
+            boundary = mesh.boundary_facets()
+            centres = mesh.p[:, mesh.facets[:, boundary]].mean(axis=1).T
+            chosen = boundary[np.asarray(facets(centres), dtype=bool)]
+        else:
+            chosen = np.asarray(facets)
+        if not len(chosen):
+            raise ValueError("no facet was chosen; check the name or the test of the centres")
+        maker, order = ELEMENTS[self.element]
+        basis = skfem.FacetBasis(mesh, maker(), facets=chosen, intorder=max(order, 2))
+        value = np.stack([np.asarray(basis.basis[a][0].value) for a in range(basis.Nbfun)], -1)
+        grad = np.stack([np.asarray(basis.basis[a][0].grad) for a in range(basis.Nbfun)], -1)
+        # Only the shapes that live on the facet: the others vanish there.
+        live = np.abs(value).max(axis=1) > 1e-9
+        k = int(live[0].sum())
+        pick = np.argsort(~live, axis=1, kind="stable")[:, :k]
+        dofs = basis.element_dofs.T if len(basis.element_dofs.T) == len(chosen) else None
+        if dofs is None:
+            dofs = self.cells[basis.tind]
+        nodes = np.take_along_axis(np.asarray(dofs), pick, axis=1).astype(np.int32)
+        shapes = np.take_along_axis(value, pick[:, None, :], axis=2)
+        grads = np.take_along_axis(np.moveaxis(grad, 0, -2), pick[:, None, None, :], axis=3)
+        normals = np.moveaxis(np.asarray(basis.normals), 0, -1)
+        least = np.eye(3)[np.argmin(np.abs(normals), axis=-1)]
+        t1 = np.cross(least, normals)
+        t1 /= np.linalg.norm(t1, axis=-1, keepdims=True)
+        t2 = np.cross(normals, t1)
+        frames = np.stack([t1, t2], axis=-2)
+        tangents = np.einsum("fqik,fqti->fqkt", grads, frames)
+        weights = np.ascontiguousarray(np.asarray(basis.dx))
+        return Surface(
+            nodes, np.ascontiguousarray(shapes), np.ascontiguousarray(tangents), weights, normals,
+            frames,
+        )  # fmt: skip

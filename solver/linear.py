@@ -1,0 +1,181 @@
+"""Sparse linear systems behind one small interface: factorise, solve, count negative pivots.
+
+PARDISO (through MKL) where it is installed: the pattern is analysed once, each matrix is factorised
+anew, and a symmetric indefinite factorisation gives the inertia. SuperLU elsewhere; its inertia
+comes from the signs of U's diagonal, which are those of an LDLᵀ only without pivoting, so it counts
+only where no row was exchanged.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import weakref
+from functools import lru_cache
+
+import numpy as np
+import scipy.sparse as sp
+from scipy.sparse.linalg import splu
+
+
+class SingularMatrix(ArithmeticError):
+    """The factorisation met a zero pivot or ran out of memory; the message says which."""
+
+
+class Factor:
+    """A factorised matrix: ``solve``, and ``negative`` pivots (None where they can't be trusted).
+
+    It is valid until the solver that made it factorises again.
+    """
+
+    def __init__(self, solve, negative: int | None):
+        self._solve = solve
+        self.negative = negative
+
+    def solve(self, b: np.ndarray) -> np.ndarray:
+        """x of A x = b; shape (n,) or (n, k)."""
+        return self._solve(b)
+
+
+def make_solver(indptr, indices, *, symmetric: bool, method: str = "auto"):
+    """A direct solver for one sparsity pattern.
+
+    ``indptr``, ``indices``: CSR with sorted indices; for a symmetric matrix its upper triangle,
+    each diagonal entry present. ``method``: ``pardiso``, ``superlu``, or ``auto`` (the first that is
+    installed). Raises ValueError for an unknown method, ImportError if PARDISO was asked for and
+    MKL is missing.
+    """
+    if method not in ("auto", "pardiso", "superlu"):
+        raise ValueError(f"method {method!r}; expected auto, pardiso or superlu")
+    if method == "superlu" or (method == "auto" and _mkl_pardiso() is None):
+        return SuperLU(indptr, indices, symmetric=symmetric)
+    return Pardiso(indptr, indices, symmetric=symmetric)
+
+
+@lru_cache(maxsize=1)
+def _mkl_pardiso():
+    try:
+        from pypardiso.pardiso_wrapper import PyPardisoSolver
+
+        return PyPardisoSolver().libmkl.pardiso
+    except (ImportError, OSError):
+        return None
+
+
+class Pardiso:
+    """One PARDISO handle for one pattern; its memory is freed with the object."""
+
+    def __init__(self, indptr, indices, *, symmetric: bool):
+        self._call = _mkl_pardiso()
+        if self._call is None:
+            raise ImportError("PARDISO needs MKL: install pypardiso, or use method='superlu'")
+        self.n = len(indptr) - 1
+        self._ia = np.asarray(indptr, dtype=np.int32) + 1
+        self._ja = np.asarray(indices, dtype=np.int32) + 1
+        self._handle = np.zeros(64, dtype=np.int64)
+        self._type = -2 if symmetric else 11
+        self.iparm = np.zeros(64, dtype=np.int32)
+        self.iparm[0] = 1  # no defaults
+        self.iparm[1] = 2  # nested dissection (METIS)
+        self.iparm[7] = 2  # refinement steps at most
+        self.iparm[9] = 8 if symmetric else 13  # perturb pivots below 10^-this
+        self.iparm[10] = 0 if symmetric else 1  # scaling: needs values at analysis if symmetric
+        self.iparm[12] = 0 if symmetric else 1
+        self.iparm[20] = 1  # Bunch–Kaufman pivots, 1 × 1 and 2 × 2
+        self._analysed = False
+        self._values = np.zeros(0)
+        self._generation = 0
+        weakref.finalize(self, _release, self._call, self._handle, self._type, self.n)
+
+    def factorise(self, values: np.ndarray) -> Factor:
+        """Factorise the matrix with these values on the pattern; shape (nnz,)."""
+        self._values = np.ascontiguousarray(values, dtype=float)
+        nothing = np.zeros(1)
+        if not self._analysed:
+            self._run(11, nothing, nothing, 1)
+            self._analysed = True
+        self._run(22, nothing, nothing, 1)
+        self._generation += 1
+        born = self._generation
+        negative = None
+        if self._type == -2 and self.iparm[13] == 0:
+            negative = int(self.iparm[22])
+
+        def solve(b):
+            if born != self._generation:
+                raise RuntimeError("this factor was overwritten by a later factorisation")
+            columns = 1 if b.ndim == 1 else b.shape[1]
+            right = np.array(b, dtype=float, order="F")
+            x = np.zeros_like(right, order="F")
+            self._run(33, right, x, columns)
+            return x
+
+        return Factor(solve, negative)
+
+    def _run(self, phase: int, b: np.ndarray, x: np.ndarray, columns: int) -> None:
+        error = _pardiso(
+            self._call, self._handle, self._type, phase, self.n, self._values, self._ia, self._ja,
+            columns, self.iparm, b, x,
+        )  # fmt: skip
+        if error:
+            raise SingularMatrix(_PARDISO_ERRORS.get(error, f"PARDISO failed with error {error}"))
+
+
+_PARDISO_ERRORS = {
+    -2: "not enough memory to factorise the matrix",
+    -3: "the matrix could not be reordered",
+    -4: "the matrix is singular (zero pivot)",
+    -7: "the matrix is singular (zero diagonal)",
+}
+
+
+def _pardiso(call, handle, kind, phase, n, values, ia, ja, columns, iparm, b, x) -> int:
+    def number(value):
+        return ctypes.byref(ctypes.c_int32(value))
+
+    def array(values, kind=None):
+        return values.ctypes.data_as(ctypes.POINTER(kind))
+
+    error = ctypes.c_int32(0)
+    none = np.zeros(1, dtype=np.int32)
+    call(
+        array(handle, ctypes.c_int64), number(1), number(1), number(kind), number(phase),
+        number(n), array(values), array(ia, ctypes.c_int32), array(ja, ctypes.c_int32),
+        array(none, ctypes.c_int32), number(columns), array(iparm, ctypes.c_int32), number(0),
+        array(b), array(x), ctypes.byref(error),
+    )  # fmt: skip
+    return error.value
+
+
+def _release(call, handle, kind, n) -> None:
+    empty, one = np.zeros(1), np.ones(1, dtype=np.int32)
+    _pardiso(call, handle, kind, -1, n, empty, one, one, 1, np.zeros(64, np.int32), empty, empty)
+
+
+class SuperLU:
+    """SciPy's SuperLU with the same interface; slower, analyses each time."""
+
+    def __init__(self, indptr, indices, *, symmetric: bool):
+        self.n = len(indptr) - 1
+        self._pattern = (np.asarray(indices), np.asarray(indptr))
+        self._symmetric = symmetric
+
+    def factorise(self, values: np.ndarray) -> Factor:
+        """Factorise the matrix with these values on the pattern; shape (nnz,)."""
+        matrix = sp.csr_array((values, *self._pattern), shape=(self.n, self.n))
+        if self._symmetric:
+            matrix = matrix + sp.triu(matrix, 1).T
+        try:
+            # Diagonal pivots where they can be kept leave the signs of an LDLᵀ factorisation.
+            options = {"SymmetricMode": True} if self._symmetric else {}
+            lu = splu(
+                matrix.tocsc(),
+                permc_spec="MMD_AT_PLUS_A" if self._symmetric else "COLAMD",
+                diag_pivot_thresh=1e-8 if self._symmetric else 1.0,
+                options=options,
+            )
+        except (RuntimeError, MemoryError) as error:
+            raise SingularMatrix(f"SuperLU: {error}") from None
+        negative = None
+        if self._symmetric and np.array_equal(lu.perm_r, lu.perm_c):
+            negative = int(np.sum(lu.U.diagonal() < 0))
+        return Factor(lu.solve, negative)

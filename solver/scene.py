@@ -1,0 +1,409 @@
+"""A scene: a body, a list of terms, what is held. The sum of the terms is the whole physics.
+
+Unknowns. Each node may be turned into a frame of its own (for mirror planes and supports at an
+angle) in which single components are prescribed; the rest are the free components q. Linear rows
+C u = c(e), such as "no mean rotation", come with Lagrange multipliers λ. The vector of unknowns is
+x = (q, λ), and with the total energy E(u, e)
+
+    R(x, e) = (Tᵀ dE/du + (C T)ᵀ λ,  C u − c(e)),        u = T q + u₀(e).
+
+Continuation sees x, e and R, and never learns what e drives.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+
+from solver.body import Body, NodeGraph
+from solver.linear import Factor, make_solver
+
+Value = float | np.ndarray | Callable[[float], float | np.ndarray]
+
+
+@dataclass(frozen=True)
+class Evaluation:
+    """What a term contributes at (u, e); force = dE/du with that one sign.
+
+    ``energy``: None where no potential exists; ``inf`` where the state is not admissible (an
+    inverted element, a node beyond a barrier). ``force``: (nodes, 3). ``stiffness``: blocks
+    d force_a / d u_b on the term's graph, (blocks, 3, 3); None for a term without stiffness.
+    """
+
+    energy: float | None
+    force: np.ndarray | None = None
+    stiffness: np.ndarray | None = None
+
+
+class Term(Protocol):
+    """One effect. Pure: no state, no mutation; history enters by constructor.
+
+    ``graph``: where its stiffness blocks stand (None: it has none). ``symmetric``: whether its
+    stiffness is. ``evaluate(u, e, order)``: order 0 asks for the energy, 1 for energy and force, 2
+    for the stiffness too. A barrier may also have ``longest_step(u, du) -> float``, the share of du
+    that stays admissible.
+    """
+
+    name: str
+    graph: NodeGraph | None
+    symmetric: bool
+
+    def evaluate(self, u: np.ndarray, e: float, order: int = 2) -> Evaluation: ...
+
+
+@dataclass(frozen=True)
+class Fixed:
+    """Displacement of ``nodes`` along ``direction`` (3,) prescribed as ``value``, maybe of e.
+
+    Directions given to one node must be orthogonal or repeat each other; a mirror plane with normal
+    n is ``Fixed(nodes_on_it, n)``.
+    """
+
+    nodes: np.ndarray
+    direction: np.ndarray | Sequence[float]
+    value: Value = 0.0
+
+
+@dataclass(frozen=True)
+class Row:
+    """Linear constraint Σ coefficients · u = value; coefficients (nodes, 3)."""
+
+    coefficients: np.ndarray
+    value: Value = 0.0
+    name: str = "row"
+
+
+def translation_row(body: Body, axis: int) -> Row:
+    """No mean displacement along an axis: ∫ u_k dV / V = 0 (Eq. 2.13)."""
+    volume = body.node_volumes()
+    c = np.zeros((len(volume), 3))
+    c[:, axis] = volume / volume.sum()
+    return Row(c, name=f"translation {'xyz'[axis]}")
+
+
+def rotation_row(body: Body, axis: int) -> Row:
+    """No mean rotation about an axis: ∫ (X − X̄) × u dV = 0 (Eq. 2.17), scaled to unit arm."""
+    volume = body.node_volumes()
+    arm = body.nodes - volume @ body.nodes / volume.sum()
+    c = np.zeros_like(arm)
+    i, j = (axis + 1) % 3, (axis + 2) % 3
+    # ((X − X̄) × u)_axis = arm_i u_j − arm_j u_i
+    c[:, j], c[:, i] = volume * arm[:, i], -volume * arm[:, j]
+    c /= volume @ (arm[:, i] ** 2 + arm[:, j] ** 2) / body.length
+    return Row(c, name=f"rotation {'xyz'[axis]}")
+
+
+@dataclass(frozen=True)
+class Scales:
+    """Sizes that make tolerances ratios: m (or l_s), force and energy in the scene's own units."""
+
+    length: float
+    force: float
+    energy: float
+
+
+class System:
+    """Residual and tangent at one (x, e); factorised when first needed."""
+
+    def __init__(self, scene: Scene, residual: np.ndarray, values: np.ndarray):
+        self.residual = residual
+        self.values = values
+        self._scene = scene
+        self._factor: Factor | None = None
+
+    def factorise(self) -> Factor:
+        """The factorised tangent; raises :class:`solver.linear.SingularMatrix`."""
+        if self._factor is None:
+            self._factor = self._scene.solver.factorise(self.values)
+        return self._factor
+
+    @property
+    def unstable(self) -> int | None:
+        """Unstable modes: negative pivots less the constraint rows; None if they can't be counted.
+
+        With m independent rows the bordered matrix has exactly m negative eigenvalues more than the
+        stiffness has on the states that the rows allow.
+        """
+        negative = self.factorise().negative
+        return None if negative is None else negative - self._scene.n_rows
+
+
+class Scene:
+    """Terms on the nodes of a body, with prescribed displacements and constraint rows."""
+
+    def __init__(
+        self,
+        body: Body,
+        terms: Sequence[Term],
+        *,
+        fixed: Sequence[Fixed] = (),
+        rows: Sequence[Row] = (),
+        scales: Scales | None = None,
+        linear: str = "auto",
+    ):
+        """Raises ValueError for contradictory supports, or no term with stiffness."""
+        self.body = body
+        self.terms = tuple(terms)
+        self.rows = tuple(rows)
+        if not any(term.graph is not None for term in self.terms):
+            raise ValueError("no term has a stiffness; add an Elastic term to the scene")
+        self.symmetric = all(term.symmetric for term in self.terms)
+        self.n_nodes = len(body.nodes)
+        self._hold(fixed)
+        self._graph()
+        self._matrix()
+        self.solver = make_solver(
+            self._indptr, self._indices, symmetric=self.symmetric, method=linear
+        )
+        self.scales = scales or Scales(body.length, *self._natural_scales())
+
+    # -- what is held ----------------------------------------------------------------------------
+
+    def _hold(self, fixed: Sequence[Fixed]) -> None:
+        n = self.n_nodes
+        directions: dict[int, list[tuple[np.ndarray, int]]] = {}
+        for k, support in enumerate(fixed):
+            d = np.asarray(support.direction, dtype=float)
+            if d.shape != (3,) or not np.linalg.norm(d) > 0:
+                raise ValueError(f"direction {support.direction!r}: expected three numbers, not 0")
+            d = d / np.linalg.norm(d)
+            for node in np.atleast_1d(support.nodes):
+                known = directions.setdefault(int(node), [])
+                along = [abs(d @ other) for other, _ in known]
+                if any(c > 1 - 1e-9 for c in along):
+                    continue
+                if any(c > 1e-9 for c in along):
+                    raise ValueError(
+                        f"node {node} is held along directions at an angle; "
+                        "make them orthogonal (fix all three components where three planes meet)"
+                    )
+                known.append((d, k))
+        frames = np.zeros((n, 3, 3))
+        frames[:] = np.eye(3)
+        held = np.full((n, 3), -1)
+        turned = []
+        for node, given in directions.items():
+            axes = [int(np.argmax(np.abs(d))) for d, _ in given]
+            aligned = all(abs(abs(d[a]) - 1) < 1e-12 for (d, _), a in zip(given, axes, strict=True))
+            if aligned:
+                for (_, k), a in zip(given, axes, strict=True):
+                    held[node, a] = k
+                continue
+            basis = np.array([d for d, _ in given])
+            rest = np.linalg.svd(basis)[2][len(given) :]
+            frames[node] = np.vstack([basis, rest]).T  # columns: held directions first
+            held[node, : len(given)] = [k for _, k in given]
+            turned.append(node)
+        self._frames, self._turned = frames, np.array(sorted(turned), dtype=int)
+        self.free = held.ravel() < 0
+        self.n_free = int(self.free.sum())
+        self._free_index = np.flatnonzero(self.free)
+        # Values per prescribed component, in its own frame; the sign of an axis counts.
+        self._values = []
+        for k, support in enumerate(fixed):
+            nodes, axes = np.nonzero(held == k)
+            d = np.asarray(support.direction, dtype=float)
+            d = d / np.linalg.norm(d)
+            sign = np.einsum("ij,ij->i", frames[nodes][:, :, :].transpose(0, 2, 1)[
+                np.arange(len(nodes)), axes], np.broadcast_to(d, (len(nodes), 3)))  # fmt: skip
+            at = np.searchsorted(np.sort(np.atleast_1d(support.nodes)), nodes)
+            order = np.argsort(np.atleast_1d(support.nodes))
+            self._values.append((support.value, 3 * nodes + axes, sign, order[at]))
+        self._moving = any(callable(v) for v, *_ in self._values)
+        self.n_rows = len(self.rows)
+        self.size = self.n_free + self.n_rows
+        local = [self._to_local(r.coefficients).ravel() for r in self.rows]
+        self._C = np.array(local).reshape(self.n_rows, 3 * n)
+
+    def _to_local(self, v: np.ndarray) -> np.ndarray:
+        if not len(self._turned):
+            return v
+        out = v.copy()
+        t = self._turned
+        out[t] = np.einsum("nji,nj->ni", self._frames[t], v[t])
+        return out
+
+    def _to_global(self, v: np.ndarray) -> np.ndarray:
+        if not len(self._turned):
+            return v
+        out = v.copy()
+        t = self._turned
+        out[t] = np.einsum("nij,nj->ni", self._frames[t], v[t])
+        return out
+
+    def displacement(self, x: np.ndarray, e: float) -> np.ndarray:
+        """u (nodes, 3) of the unknowns x at the load e."""
+        local = np.zeros(3 * self.n_nodes)
+        local[self._free_index] = x[: self.n_free]
+        for value, where, sign, order in self._values:
+            v = value(e) if callable(value) else value
+            v = np.asarray(v, dtype=float)
+            local[where] = sign * (v[order] if v.ndim else v)
+        return self._to_global(local.reshape(-1, 3))
+
+    def unknowns(self, u: np.ndarray, multipliers: np.ndarray | None = None) -> np.ndarray:
+        """x of a displacement (nodes, 3); prescribed components are dropped."""
+        x = np.zeros(self.size)
+        x[: self.n_free] = self._to_local(u).ravel()[self._free_index]
+        if multipliers is not None:
+            x[self.n_free :] = multipliers
+        return x
+
+    def step_displacement(self, dx: np.ndarray) -> np.ndarray:
+        """du (nodes, 3) of a change of the unknowns at fixed load."""
+        local = np.zeros(3 * self.n_nodes)
+        local[self._free_index] = dx[: self.n_free]
+        return self._to_global(local.reshape(-1, 3))
+
+    # -- the sum of the terms --------------------------------------------------------------------
+
+    def evaluate(self, u: np.ndarray, e: float, order: int = 2) -> Evaluation:
+        """Sum of all terms in the nodes' common frame."""
+        energy: float | None = 0.0
+        force = np.zeros((self.n_nodes, 3)) if order >= 1 else None
+        blocks = np.zeros((self.graph.blocks, 3, 3)) if order >= 2 else None
+        for term, where in zip(self.terms, self._where, strict=True):
+            part = term.evaluate(u, e, order)
+            energy = None if energy is None or part.energy is None else energy + part.energy
+            if part.energy == np.inf:
+                return Evaluation(np.inf)
+            if order >= 1:
+                force += part.force
+            if order >= 2 and part.stiffness is not None:
+                if where is None:
+                    blocks += part.stiffness
+                else:
+                    np.add.at(blocks, where, part.stiffness)
+        return Evaluation(energy, force, blocks)
+
+    def energy(self, x: np.ndarray, e: float) -> float | None:
+        """Total energy with the multipliers' part left out; inf where not admissible."""
+        return self.evaluate(self.displacement(x, e), e, 0).energy
+
+    def residual(self, x: np.ndarray, e: float) -> np.ndarray | None:
+        """R(x, e), shape (size,); None where the state is not admissible."""
+        u = self.displacement(x, e)
+        part = self.evaluate(u, e, 1)
+        return None if part.force is None else self._residual(part.force, u, x, e)
+
+    def system(self, x: np.ndarray, e: float) -> System | None:
+        """Residual and tangent; None where the state is not admissible."""
+        u = self.displacement(x, e)
+        part = self.evaluate(u, e, 2)
+        if part.force is None:
+            return None
+        return System(self, self._residual(part.force, u, x, e), self._gather(part.stiffness))
+
+    def load_rate(self, x: np.ndarray, e: float, step: float = 1e-6) -> np.ndarray | None:
+        """∂R/∂e by central differences of the force; None where not admissible."""
+        lo, hi = self.residual(x, e - step), self.residual(x, e + step)
+        return None if lo is None or hi is None else (hi - lo) / (2 * step)
+
+    def longest_step(self, x: np.ndarray, dx: np.ndarray, e: float) -> float:
+        """Share of dx (at most 1) that every barrier admits."""
+        steps = [
+            term.longest_step(self.displacement(x, e), self.step_displacement(dx))
+            for term in self.terms
+            if hasattr(term, "longest_step")
+        ]
+        return min([1.0, *steps])
+
+    def _residual(self, force, u, x, e) -> np.ndarray:
+        local = self._to_local(force).ravel()
+        R = np.empty(self.size)
+        R[: self.n_free] = local[self._free_index]
+        if self.n_rows:
+            R[: self.n_free] += self._C[:, self._free_index].T @ x[self.n_free :]
+            targets = [r.value(e) if callable(r.value) else r.value for r in self.rows]
+            R[self.n_free :] = self._C @ self._to_local(u).ravel() - targets
+        return R
+
+    # -- sparsity --------------------------------------------------------------------------------
+
+    def _graph(self) -> None:
+        graphs = [term.graph for term in self.terms if term.graph is not None]
+        self.graph = graphs[0]
+        if any(g is not self.graph for g in graphs):
+            self.graph = NodeGraph.union(graphs)
+        self._where = [
+            None if t.graph is None or t.graph is self.graph else self.graph.find(t.graph)
+            for t in self.terms
+        ]
+
+    def _matrix(self) -> None:
+        """Where each entry of the matrix (upper triangle if symmetric) comes from."""
+        g, n_free = self.graph, self.n_free
+        number = np.full(3 * self.n_nodes, -1)
+        number[self._free_index] = np.arange(n_free)
+        a = np.repeat(np.arange(g.n), np.diff(g.indptr))
+        b = g.indices.astype(np.int64)
+        rows = number[(3 * a[:, None] + np.arange(3))][:, :, None]
+        cols = number[(3 * b[:, None] + np.arange(3))][:, None, :]
+        rows, cols = (m.ravel() for m in np.broadcast_arrays(rows, cols))
+        keep = (rows >= 0) & (cols >= 0)
+        if self.symmetric:
+            keep &= rows <= cols
+        source = np.flatnonzero(keep)
+        rows, cols = rows[source], cols[source]
+        if self.n_rows:
+            C = self._C[:, self._free_index]
+            k, j = np.nonzero(C)
+            self._row_values = C[k, j]
+            lower = np.arange(n_free, self.size)
+            extra_rows, extra_cols = [j, lower], [n_free + k, lower]
+            extra = [np.arange(len(k)), np.full(self.n_rows, -1)]
+            if not self.symmetric:
+                extra_rows.append(n_free + k)
+                extra_cols.append(j)
+                extra.append(np.arange(len(k)))
+            self._constant = np.concatenate(extra)
+            rows = np.concatenate([rows, *extra_rows])
+            cols = np.concatenate([cols, *extra_cols])
+        order = np.lexsort((cols, rows))
+        self._source, self._order = source, order
+        counts = np.bincount(rows, minlength=self.size)
+        self._indptr = np.concatenate([[0], np.cumsum(counts)])
+        self._indices = cols[order].astype(np.int32)
+        if self.n_rows:
+            tail = np.append(self._row_values, 0.0)[self._constant]
+            self._tail = tail
+        else:
+            self._tail = np.zeros(0)
+        # One gather does the selection and the order together.
+        position = np.concatenate([source, 9 * g.blocks + np.arange(len(self._tail))])
+        self._gather_index = position[order]
+
+    def _gather(self, blocks: np.ndarray) -> np.ndarray:
+        if len(self._turned):
+            blocks = self._turn(blocks)
+        flat = blocks.reshape(-1)
+        if len(self._tail):
+            flat = np.concatenate([flat, self._tail])
+        return flat[self._gather_index]
+
+    def _turn(self, blocks: np.ndarray) -> np.ndarray:
+        g = self.graph
+        a = np.repeat(np.arange(g.n), np.diff(g.indptr))
+        turned = np.zeros(g.n, bool)
+        turned[self._turned] = True
+        hit = np.flatnonzero(turned[a] | turned[g.indices])
+        out = blocks.copy()
+        out[hit] = np.einsum(
+            "nji,njk,nkl->nil", self._frames[a[hit]], blocks[hit], self._frames[g.indices[hit]]
+        )
+        return out
+
+    def _natural_scales(self) -> tuple[float, float]:
+        """Force and energy of a unit mean stretch: from the stiffness of the undeformed state."""
+        u = np.zeros((self.n_nodes, 3))
+        blocks = self.evaluate(u, 0.0, 2).stiffness
+        if blocks is None:
+            raise ValueError("the undeformed state is not admissible at e = 0; give scales")
+        g = self.graph
+        a = np.repeat(np.arange(g.n), np.diff(g.indptr))
+        trace = np.einsum("nii->n", blocks[a == g.indices]) / 3
+        force = float(np.linalg.norm(trace)) * self.body.length
+        return force, force * self.body.length
