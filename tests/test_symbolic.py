@@ -264,13 +264,19 @@ def test_operon_reads_its_own_trees():
     hashes = sorted(dataset.Variables, key=lambda v: v.Index)
     text = "((2.5 * X1) - (X2 / (0.5 + X3))) * log(X2 * 3.0)"
     tree = op.InfixParser.Parse(text, names)
-    ours = engines.read_operon(tree.Nodes, {v.Hash: n for v, n in zip(hashes, NAMES, strict=False)})
-    theirs = op.Evaluate(op.DispatchTable(), tree, dataset, op.Range(0, len(X)))
-    np.testing.assert_allclose(Formula(ours, NAMES)(X), theirs, rtol=1e-4)
+    labels = {v.Hash: n for v, n in zip(hashes, NAMES, strict=False)}
+    ours = engines.read_operon(tree.Nodes, labels)
     n, m, t = X.T
     np.testing.assert_allclose(
         Formula(ours, NAMES)(X), (2.5 * n - m / (0.5 + t)) * np.log(m * 3), rtol=1e-6
     )
+    # Now with weights on the inputs, which Operon keeps inside the variable's node.
+    weights = np.linspace(0.5, 2.0, len(tree.GetCoefficients()))
+    tree.SetCoefficients(weights.astype(np.float32))
+    ours = engines.read_operon(tree.Nodes, labels)
+    assert len(fm.constants(ours)) == len(weights) == 7
+    theirs = op.Evaluate(op.DispatchTable(), tree, dataset, op.Range(0, len(X)))
+    np.testing.assert_allclose(Formula(ours, NAMES)(X), theirs, rtol=1e-4)
 
 
 def test_refit_recovers_the_constants():
