@@ -346,6 +346,7 @@ def _front(rows: list[tuple]) -> pd.DataFrame:
     """The rows that no other beats in both size and error, by size."""
     front = []
     for row in sorted(rows, key=lambda r: (r[0], r[2], r[1])):
-        if not front or row[2] < front[-1][2]:
+        # More nodes for rounding are no gain.
+        if not front or row[2] < (1 - 1e-6) * front[-1][2]:
             front.append(row)
     return pd.DataFrame(front, columns=["size", "depth", "error", "formula"])
