@@ -160,7 +160,7 @@ class Body:
         shapes = np.empty((basis.dx.shape[1], k))
         for a in range(k):
             gradients[:, :, a, :] = np.moveaxis(np.asarray(basis.basis[a][0].grad), 0, -1)
-            shapes[:, a] = np.asarray(basis.basis[a][0].value)[0]
+            shapes[:, a] = np.asarray(basis.basis[a][0])[0]
         weights = np.ascontiguousarray(np.asarray(basis.dx))
         nodes = np.ascontiguousarray(basis.doflocs.T)
         return cls(mesh, element, basis, nodes, cells, shapes, gradients, weights)
@@ -225,7 +225,7 @@ class Body:
             raise ValueError("no facet was chosen; check the name or the test of the centres")
         maker, order = ELEMENTS[self.element]
         basis = skfem.FacetBasis(mesh, maker(), facets=chosen, intorder=max(order, 2))
-        value = np.stack([np.asarray(basis.basis[a][0].value) for a in range(basis.Nbfun)], -1)
+        value = np.stack([np.asarray(basis.basis[a][0]) for a in range(basis.Nbfun)], -1)
         grad = np.stack([np.asarray(basis.basis[a][0].grad) for a in range(basis.Nbfun)], -1)
         # Only the shapes that live on the facet: the others vanish there.
         live = np.abs(value).max(axis=1) > 1e-9

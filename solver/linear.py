@@ -3,7 +3,8 @@
 PARDISO (through MKL) where it is installed: the pattern is analysed once, each matrix is factorised
 anew, and a symmetric indefinite factorisation gives the inertia. SuperLU elsewhere; its inertia
 comes from the signs of U's diagonal, which are those of an LDLᵀ only without pivoting, so it counts
-only where no row was exchanged.
+only where no row was exchanged. Conjugate gradients with algebraic multigrid for large positive
+definite systems, where a factorisation would not fit; they count nothing.
 """
 
 from __future__ import annotations
@@ -14,7 +15,7 @@ from functools import lru_cache
 
 import numpy as np
 import scipy.sparse as sp
-from scipy.sparse.linalg import splu
+from scipy.sparse.linalg import cg, splu
 
 
 class SingularMatrix(ArithmeticError):
@@ -36,16 +37,23 @@ class Factor:
         return self._solve(b)
 
 
-def make_solver(indptr, indices, *, symmetric: bool, method: str = "auto"):
-    """A direct solver for one sparsity pattern.
+def make_solver(
+    indptr, indices, *, symmetric: bool, method: str = "auto", modes: np.ndarray | None = None
+):
+    """A solver for one sparsity pattern.
 
     ``indptr``, ``indices``: CSR with sorted indices; for a symmetric matrix its upper triangle,
-    each diagonal entry present. ``method``: ``pardiso``, ``superlu``, or ``auto`` (the first that is
-    installed). Raises ValueError for an unknown method, ImportError if PARDISO was asked for and
-    MKL is missing.
+    each diagonal entry present. ``method``: ``pardiso``, ``superlu``, ``auto`` (the first that is
+    installed), or ``cg`` (needs a symmetric matrix, and ``modes`` (n, 6): the rigid motions in its
+    unknowns). Raises ValueError for an unknown method or one that does not suit the matrix,
+    ImportError if PARDISO was asked for and MKL is missing.
     """
-    if method not in ("auto", "pardiso", "superlu"):
-        raise ValueError(f"method {method!r}; expected auto, pardiso or superlu")
+    if method not in ("auto", "pardiso", "superlu", "cg"):
+        raise ValueError(f"method {method!r}; expected auto, pardiso, superlu or cg")
+    if method == "cg":
+        if not symmetric or modes is None:
+            raise ValueError("conjugate gradients need a symmetric matrix and its rigid modes")
+        return ConjugateGradients(indptr, indices, modes)
     if method == "superlu" or (method == "auto" and _mkl_pardiso() is None):
         return SuperLU(indptr, indices, symmetric=symmetric)
     return Pardiso(indptr, indices, symmetric=symmetric)
@@ -179,3 +187,45 @@ class SuperLU:
         if self._symmetric and np.array_equal(lu.perm_r, lu.perm_c):
             negative = int(np.sum(lu.U.diagonal() < 0))
         return Factor(lu.solve, negative)
+
+
+class ConjugateGradients:
+    """CG preconditioned by smoothed aggregation with the rigid motions as near null space."""
+
+    def __init__(self, indptr, indices, modes: np.ndarray, *, rtol: float = 1e-10, most: int = 500):
+        self.n = len(indptr) - 1
+        self.iterations = 0  # of the latest solve
+        self._pattern = (np.asarray(indices), np.asarray(indptr))
+        self._modes, self._rtol, self._most = modes, rtol, most
+
+    def factorise(self, values: np.ndarray) -> Factor:
+        """Set up the preconditioner for the matrix with these values; shape (nnz,)."""
+        import pyamg
+
+        upper = sp.csr_array((values, *self._pattern), shape=(self.n, self.n))
+        matrix = sp.csr_matrix(upper + sp.triu(upper, 1).T)
+        hierarchy = pyamg.smoothed_aggregation_solver(
+            matrix, B=self._modes, strength=("symmetric", {"theta": 0.02}), max_coarse=300
+        )
+        preconditioner = hierarchy.aspreconditioner()
+
+        def solve(b):
+            if b.ndim == 2:
+                return np.column_stack([solve(column) for column in b.T])
+            count = [0]
+
+            def step(_):
+                count[0] += 1
+
+            x, failed = cg(
+                matrix, b, rtol=self._rtol, maxiter=self._most, M=preconditioner, callback=step
+            )
+            self.iterations = count[0]
+            if failed or not np.isfinite(x).all():
+                raise SingularMatrix(
+                    f"conjugate gradients did not converge in {self._most} iterations: the matrix "
+                    "is not positive definite or badly conditioned; use a direct method"
+                )
+            return x
+
+        return Factor(solve, None)

@@ -155,8 +155,14 @@ class Scene:
         self._hold(fixed)
         self._graph()
         self._matrix()
+        if linear == "cg" and self.rows:
+            raise ValueError("conjugate gradients can't take constraint rows; use a direct method")
         self.solver = make_solver(
-            self._indptr, self._indices, symmetric=self.symmetric, method=linear
+            self._indptr,
+            self._indices,
+            symmetric=self.symmetric,
+            method=linear,
+            modes=self._rigid_modes() if linear == "cg" else None,
         )
         self.scales = scales or Scales(body.length, *self._natural_scales())
 
@@ -395,6 +401,13 @@ class Scene:
             "nji,njk,nkl->nil", self._frames[a[hit]], blocks[hit], self._frames[g.indices[hit]]
         )
         return out
+
+    def _rigid_modes(self) -> np.ndarray:
+        """Translations and rotations in the free unknowns, (n_free, 6)."""
+        arm = (self.body.nodes - self.body.nodes.mean(axis=0)) / self.body.length
+        modes = [np.broadcast_to(axis, arm.shape) for axis in np.eye(3)]
+        modes += [np.cross(axis, arm) for axis in np.eye(3)]
+        return np.column_stack([self._to_local(m.copy()).ravel()[self._free_index] for m in modes])
 
     def _natural_scales(self) -> tuple[float, float]:
         """Force and energy of a unit mean stretch: from the stiffness of the undeformed state."""
