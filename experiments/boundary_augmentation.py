@@ -20,7 +20,7 @@ class Config:
     target: float = 0.99
     test_designs: int = 200_000
     plan: Plan = dataclasses.field(
-        default_factory=lambda: Plan(initial=100, per_cycle=50, cycles=20, epochs=150)
+        default_factory=lambda: Plan(initial=100, per_cycle=50, cycles=22, epochs=100)
     )
 
 
