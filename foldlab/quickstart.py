@@ -34,7 +34,7 @@ class Settings:
     n_test: int = 1000
     n_fresh: int = 200_000
     map_points: int = 100_000
-    symbolic_seconds: float = 20.0
+    symbolic_seconds: float = 45.0
     proposals: int = 5
     seed: int = 0
     models: tuple[str, ...] = MODELS

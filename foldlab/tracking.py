@@ -66,7 +66,8 @@ def track(experiment: str, config: Mapping[str, Any], *, seed: int | None = None
 
     logging.getLogger("mlflow").setLevel(logging.ERROR)
     logging.getLogger("alembic").setLevel(logging.ERROR)
-    uri = os.environ.get("MLFLOW_TRACKING_URI") or _local_uri()
+    given = os.environ.get("MLFLOW_TRACKING_URI")
+    uri = given or _local_uri()
     start = time.perf_counter()
     with warnings.catch_warnings():
         # MLflow's own calls into SQLAlchemy, pydantic and protobuf; nothing a user could mend.
@@ -85,6 +86,9 @@ def track(experiment: str, config: Mapping[str, Any], *, seed: int | None = None
                 yield Run(mlflow, run.info.run_id)
             finally:
                 mlflow.log_metric("seconds", time.perf_counter() - start)
+                if not given:
+                    # MLflow exports the address it was told; a later run may start elsewhere.
+                    os.environ.pop("MLFLOW_TRACKING_URI", None)
 
 
 def tracking_uri() -> str:
