@@ -58,8 +58,8 @@ class Term(Protocol):
 class Fixed:
     """Displacement of ``nodes`` along ``direction`` (3,) prescribed as ``value``, maybe of e.
 
-    Directions given to one node must be orthogonal or repeat each other; a mirror plane with normal
-    n is ``Fixed(nodes_on_it, n)``.
+    A mirror plane with normal n is ``Fixed(nodes_on_it, n)``. Directions at one node may be at any
+    angle where all of them are held at 0, and must be orthogonal or repeat each other otherwise.
     """
 
     nodes: np.ndarray
@@ -74,6 +74,10 @@ class Row:
     coefficients: np.ndarray
     value: Value = 0.0
     name: str = "row"
+
+
+def _is_zero(value: Value) -> bool:
+    return not callable(value) and not np.any(value)
 
 
 def translation_row(body: Body, axis: int) -> Row:
@@ -106,17 +110,20 @@ class Scales:
 
 
 class System:
-    """Residual and tangent at one (x, e); factorised when first needed."""
+    """Energy, residual and tangent at one (x, e); factorised when first needed."""
 
-    def __init__(self, scene: Scene, residual: np.ndarray, values: np.ndarray):
+    def __init__(
+        self, scene: Scene, residual: np.ndarray, values: np.ndarray, energy: float | None = None
+    ):
         self.residual = residual
         self.values = values
+        self.energy = energy
         self._scene = scene
         self._factor: Factor | None = None
 
     def factorise(self) -> Factor:
         """The factorised tangent; raises :class:`solver.linear.SingularMatrix`."""
-        if self._factor is None:
+        if self._factor is None or not self._factor.alive:
             self._factor = self._scene.solver.factorise(self.values)
         return self._factor
 
@@ -129,6 +136,12 @@ class System:
         """
         negative = self.factorise().negative
         return None if negative is None else negative - self._scene.n_rows
+
+    def shifted(self, shift: float) -> System:
+        """The same state with ``shift`` added to the stiffness of every free component."""
+        values = self.values.copy()
+        values[self._scene.diagonal] += shift
+        return System(self._scene, self.residual, values, self.energy)
 
 
 class Scene:
@@ -181,12 +194,20 @@ class Scene:
                 along = [abs(d @ other) for other, _ in known]
                 if any(c > 1 - 1e-9 for c in along):
                     continue
+                new = d
                 if any(c > 1e-9 for c in along):
-                    raise ValueError(
-                        f"node {node} is held along directions at an angle; "
-                        "make them orthogonal (fix all three components where three planes meet)"
-                    )
-                known.append((d, k))
+                    if any(not _is_zero(fixed[i].value) for i in (k, *(i for _, i in known))):
+                        raise ValueError(
+                            f"node {node} is moved along directions at an angle to each other; "
+                            "give orthogonal directions, or hold all of them at 0"
+                        )
+                    # At rest only the space that the directions span matters.
+                    for other, _ in known:
+                        new = new - (new @ other) * other
+                    if np.linalg.norm(new) < 1e-9:
+                        continue
+                    new = new / np.linalg.norm(new)
+                known.append((new, k))
         frames = np.zeros((n, 3, 3))
         frames[:] = np.eye(3)
         held = np.full((n, 3), -1)
@@ -295,13 +316,20 @@ class Scene:
         part = self.evaluate(u, e, 1)
         return None if part.force is None else self._residual(part.force, u, x, e)
 
+    def gradient(self, x: np.ndarray, e: float) -> tuple[float | None, np.ndarray] | None:
+        """Energy (None where there is none) and residual; None where not admissible."""
+        u = self.displacement(x, e)
+        part = self.evaluate(u, e, 1)
+        return None if part.force is None else (part.energy, self._residual(part.force, u, x, e))
+
     def system(self, x: np.ndarray, e: float) -> System | None:
         """Residual and tangent; None where the state is not admissible."""
         u = self.displacement(x, e)
         part = self.evaluate(u, e, 2)
         if part.force is None:
             return None
-        return System(self, self._residual(part.force, u, x, e), self._gather(part.stiffness))
+        R = self._residual(part.force, u, x, e)
+        return System(self, R, self._gather(part.stiffness), part.energy)
 
     def load_rate(self, x: np.ndarray, e: float, step: float = 1e-6) -> np.ndarray | None:
         """∂R/∂e by central differences of the force; None where not admissible."""
@@ -373,6 +401,7 @@ class Scene:
         counts = np.bincount(rows, minlength=self.size)
         self._indptr = np.concatenate([[0], np.cumsum(counts)])
         self._indices = cols[order].astype(np.int32)
+        self.diagonal = np.flatnonzero((rows == cols)[order])[:n_free]
         if self.n_rows:
             tail = np.append(self._row_values, 0.0)[self._constant]
             self._tail = tail

@@ -245,13 +245,26 @@ def test_an_inadmissible_term_is_no_state(body):
 def test_supports_are_checked(body):
     node = np.array([0])
     with pytest.raises(ValueError, match="at an angle"):
-        Scene(body, [Springs(body)], fixed=[Fixed(node, [1, 0, 0]), Fixed(node, [1, 1, 0])])
+        Scene(
+            body, [Springs(body)], fixed=[Fixed(node, [1, 0, 0]), Fixed(node, [1, 1, 0], value=0.1)]
+        )
     with pytest.raises(ValueError, match="direction"):
         Scene(body, [Springs(body)], fixed=[Fixed(node, [0, 0, 0])])
     with pytest.raises(ValueError, match="no term has a stiffness"):
         Scene(body, [])
     with pytest.raises(ValueError, match="constraint rows"):
         Scene(body, [Springs(body)], rows=[translation_row(body, 0)], linear="cg")
+
+
+def test_planes_at_an_angle_leave_their_common_line(body):
+    one, two, three = np.array([1.0, 0, 0]), np.array([1.0, 2, 0]), np.array([1.0, -1, 0])
+    fixed = [Fixed(np.array([3]), n) for n in (one, two, three)]
+    scene = Scene(body, [Springs(body)], fixed=fixed)
+    assert scene.size == 3 * len(body.nodes) - 2
+    u = scene.displacement(rng.normal(size=scene.size), 0.0)[3]
+    assert abs(u[2]) > 0.01 and np.abs(u[:2]).max() < 1e-14
+    point = Scene(body, [Springs(body)], fixed=[*fixed, Fixed(np.array([3]), [1.0, 1, 1])])
+    assert np.abs(point.displacement(rng.normal(size=point.size), 0.0)[3]).max() == 0
 
 
 def test_the_same_plane_twice_holds_once(body):
