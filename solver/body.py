@@ -8,13 +8,16 @@ the pattern in which all terms write their 3 × 3 stiffness blocks.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numba
 import numpy as np
 import scipy.sparse as sp
 import skfem
+from skfem.quadrature import get_quadrature
+
+from solver import checks
 
 # name: (scikit-fem element, quadrature order). hex20 is the reduced one, with 2 × 2 × 2 points.
 ELEMENTS = {
@@ -24,6 +27,33 @@ ELEMENTS = {
     "tet10": (skfem.ElementTetP2, 2),
     "tet4": (skfem.ElementTetP1, 1),
 }
+
+# Exact for x · (∂x/∂ξ × ∂x/∂η), so that pressure on a closed surface has a potential to rounding.
+SURFACE_ORDER = {"hex27": 5, "hex20": 5, "hex8": 3, "tet10": 4, "tet4": 2}
+
+
+def _geometry(mesh: skfem.Mesh, element: str) -> skfem.Mesh:
+    """The mesh with no more geometry than the element can represent."""
+    hexes = isinstance(mesh, skfem.MeshHex1)
+    if element.startswith("hex") != hexes or not (hexes or isinstance(mesh, skfem.MeshTet1)):
+        raise ValueError(
+            f"element {element!r} on a {type(mesh).__name__}; expected a mesh of "
+            f"{'hexahedra' if element.startswith('hex') else 'tetrahedra'}"
+        )
+    quadratic = isinstance(mesh, skfem.MeshHex2 | skfem.MeshTet2)
+    if not quadratic or element in ("hex27", "tet10"):
+        return mesh
+    if element == "hex20":
+        dofs, X = mesh.dofs.element_dofs, mesh.doflocs.copy()
+        at = mesh.elem().doflocs
+        serendipity = skfem.ElementHexS2()
+        for a in range(20, 27):
+            shares = [serendipity.lbasis(at[a][:, None], b)[0].item() for b in range(20)]
+            X[:, dofs[a]] = np.einsum("b,ibm->im", shares, mesh.doflocs[:, dofs[:20]])
+        return replace(mesh, doflocs=X)
+    kind = skfem.MeshHex1 if hexes else skfem.MeshTet1
+    corners = np.ascontiguousarray(mesh.doflocs[:, : mesh.nvertices])
+    return kind(corners, mesh.t, mesh.boundaries, mesh.subdomains)
 
 
 @dataclass(frozen=True, eq=False)
@@ -134,26 +164,34 @@ class Body:
     weights: np.ndarray = field(repr=False)
 
     @classmethod
-    def build(cls, mesh: skfem.Mesh, element: str = "hex27") -> Body:
-        """Raises ValueError for an unknown element or inverted cells (it says how many and where).
+    def build(cls, mesh: skfem.Mesh, element: str = "hex27", *, parts: bool = False) -> Body:
+        """Body of a mesh; its sub-domains and boundaries keep their names.
 
-        Sub-domains and boundaries named in the mesh keep their names.
+        The geometry is never richer than the element: of a quadratic mesh hex8 and tet4 take the
+        corners, hex20 the corners and mid-edge nodes, so that linear fields stay exact.
+        ``parts=True`` admits unconnected parts and touching faces that share no nodes.
+
+        Raises ValueError for an unknown element or one of another shape than the cells; for cells
+        that are inverted, flat, or folded over a neighbour; for unconnected parts, touching faces
+        that don't share their nodes, hanging nodes, and nodes without a cell or a finite position.
         """
         if element not in ELEMENTS:
             raise ValueError(f"no element {element!r}; there are: {', '.join(ELEMENTS)}")
         maker, order = ELEMENTS[element]
+        mesh = _geometry(mesh, element)
+        checks.refuse_nodes(mesh)
+        points = np.hstack(
+            [get_quadrature(mesh.elem.refdom, order)[0], maker().doflocs.T]
+        )  # the nodes too: curved cells often fail at their corners first
+        scaled = checks.determinants(mesh, points)[1]
+        checks.refuse_cells(mesh, scaled)
+        table = checks.facets(mesh)
+        checks.refuse_folds(mesh, table, checks.orientation(scaled))
+        if not parts:
+            checks.refuse_gaps(mesh, table)
+        # What scikit-fem would sort out again, more slowly.
+        mesh._facets, mesh._t2f, mesh._f2t = table.vertices, table.of_cell, table.cells
         basis = skfem.Basis(mesh, maker(), intorder=order)
-        det = np.asarray(basis.mapping.detDF(basis.X))
-        # scikit-fem takes |det|, so an order of nodes that mirrors a cell is no fault; a sign that
-        # changes within the cell is.
-        det = det * np.sign(det[:, :1])
-        if not (det > 0).all():
-            bad = np.flatnonzero((det <= 0).any(axis=1))
-            where = mesh.p[:, mesh.t[:, bad[0]]].mean(axis=1)
-            raise ValueError(
-                f"{len(bad)} of {len(det)} cells are inverted or flat, the first near "
-                f"({where[0]:.4g}, {where[1]:.4g}, {where[2]:.4g}); mend the mesh"
-            )
         cells = np.ascontiguousarray(basis.element_dofs.T, dtype=np.int32)
         k = cells.shape[1]
         gradients = np.empty((*basis.dx.shape, k, 3))
@@ -196,6 +234,31 @@ class Body:
         )
         return np.bincount(self.cells.ravel(), share.ravel(), minlength=len(self.nodes))
 
+    def nodes_of(self, boundary: str) -> np.ndarray:
+        """Nodes on a named boundary, mid-edge and mid-face nodes included.
+
+        Raises ValueError for a name that the mesh doesn't have.
+        """
+        return self.basis.get_dofs(self._named(boundary)).all()
+
+    def cells_of(self, layer: str) -> np.ndarray:
+        """Mask (m,) of the cells of a named sub-domain.
+
+        Raises ValueError for a name that the mesh doesn't have.
+        """
+        names = self.mesh.subdomains or {}
+        if layer not in names:
+            raise ValueError(f"no sub-domain {layer!r}; there are: {', '.join(names) or 'none'}")
+        mask = np.zeros(len(self.cells), bool)
+        mask[np.asarray(names[layer])] = True
+        return mask
+
+    def _named(self, boundary: str) -> np.ndarray:
+        names = self.mesh.boundaries or {}
+        if boundary not in names:
+            raise ValueError(f"no boundary {boundary!r}; there are: {', '.join(names) or 'none'}")
+        return np.asarray(names[boundary])
+
     def nodes_where(self, test: Callable[[np.ndarray], np.ndarray]) -> np.ndarray:
         """Nodes whose position satisfies ``test(X)``, X (n, 3)."""
         return np.flatnonzero(test(self.nodes))
@@ -211,10 +274,7 @@ class Body:
         """
         mesh = self.mesh
         if isinstance(facets, str):
-            names = mesh.boundaries or {}
-            if facets not in names:
-                raise ValueError(f"no boundary {facets!r}; there are: {', '.join(names) or 'none'}")
-            chosen = np.asarray(names[facets])
+            chosen = self._named(facets)
         elif callable(facets):
             boundary = mesh.boundary_facets()
             centres = mesh.p[:, mesh.facets[:, boundary]].mean(axis=1).T
@@ -223,8 +283,9 @@ class Body:
             chosen = np.asarray(facets)
         if not len(chosen):
             raise ValueError("no facet was chosen; check the name or the test of the centres")
-        maker, order = ELEMENTS[self.element]
-        basis = skfem.FacetBasis(mesh, maker(), facets=chosen, intorder=max(order, 2))
+        maker, _ = ELEMENTS[self.element]
+        order = SURFACE_ORDER[self.element]
+        basis = skfem.FacetBasis(mesh, maker(), facets=chosen, intorder=order)
         value = np.stack([np.asarray(basis.basis[a][0]) for a in range(basis.Nbfun)], -1)
         grad = np.stack([np.asarray(basis.basis[a][0].grad) for a in range(basis.Nbfun)], -1)
         # Only the shapes that live on the facet: the others vanish there.

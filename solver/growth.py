@@ -163,8 +163,14 @@ class Apical(Growth):
                 f"beta runs from {beta.min():.4g} to {beta.max():.4g}; expected values in [0, 1]: "
                 "scale the pattern and put its strength into g"
             )
-        with np.errstate(divide="ignore"):
-            return (1 / (1 - g * beta))[..., None, None] * np.eye(3)
+        rest = 1 - g * beta
+        if not (rest > 0).all():
+            cell, point = np.argwhere(~(rest > 0))[0]
+            raise ValueError(
+                f"1 - g beta = {rest.min():.4g} at e = {e:g} (cell {cell}, point {point}); "
+                "expected more than 0: take g < 1 (g < 0 contracts)"
+            )
+        return (1 / rest)[..., None, None] * np.eye(3)
 
 
 class General(Growth):

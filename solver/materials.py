@@ -63,24 +63,27 @@ class Material:
         lead = F.shape[:-2]
         flat = F.reshape(*(lead if len(lead) == 2 else (int(np.prod(lead)), 1)), 3, 3)
         c, q = flat.shape[:2]
-        table = np.broadcast_to(self.properties(e, (c, q)), (c, q, self.properties_count))
-        psi = np.full((c, q), np.inf)
-        P = np.full((c, q, 3, 3), np.nan)
-        A = np.full((c, q, 3, 3, 3, 3), np.nan)
-        # One point at a time, since a kernel stops at the first state that is not admissible.
-        for i, j in np.ndindex(c, q):
-            at = slice(i, i + 1), slice(j, j + 1)
-            part = np.ascontiguousarray(flat[at]), np.ascontiguousarray(table[at])
-            out = np.empty((1, 1)), np.empty((1, 1, 3, 3)), np.empty((1, 1, 3, 3, 3, 3))
-            if self.kernel(*part, order, *out):
-                psi[at], P[at], A[at] = out
+        table = self.properties(e, (c, q))
+        flat = np.ascontiguousarray(flat)
+        psi, P = np.empty((c, q)), np.empty((c, q, 3, 3))
+        A = np.empty((c, q, 3, 3, 3, 3) if order >= 2 else (1, 1, 3, 3, 3, 3))
+        if not self.kernel(flat, table, order, psi, P, A):
+            # A kernel stops at the first state that is not admissible: go one point at a time.
+            table = np.broadcast_to(table, (c, q, table.shape[-1]))
+            one = np.empty((1, 1)), np.empty((1, 1, 3, 3)), np.empty((1, 1, 3, 3, 3, 3))
+            psi[:], P[:], A[:] = np.inf, np.nan, np.nan
+            for i, j in np.ndindex(c, q):
+                at = slice(i, i + 1), slice(j, j + 1)
+                part = np.ascontiguousarray(flat[at]), np.ascontiguousarray(table[at])
+                if self.kernel(*part, order, *one):
+                    psi[at], P[at] = one[:2]
+                    if order >= 2:
+                        A[at] = one[2]
         return (
             psi.reshape(lead),
             P.reshape(*lead, 3, 3) if order >= 1 else None,
             A.reshape(*lead, 3, 3, 3, 3) if order >= 2 else None,
         )
-
-    properties_count = 2
 
 
 def _check_modulus(E: np.ndarray) -> None:
@@ -326,7 +329,6 @@ class FibreReinforced(Material):
                 raise ValueError(f"k2 = {f.k2:g}; expected k2 >= 0 (0: no hardening)")
             if not varies(f.k1):
                 _check_fibre(np.asarray(f.k1, dtype=float))
-        self.properties_count = 2 + 6 * len(self.fibres)
 
     @property
     def moving(self) -> bool:
