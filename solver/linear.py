@@ -28,13 +28,19 @@ class Factor:
     It is valid until the solver that made it factorises again.
     """
 
-    def __init__(self, solve, negative: int | None):
+    def __init__(self, solve, negative: int | None, alive=lambda: True):
         self._solve = solve
+        self._alive = alive
         self.negative = negative
 
-    def solve(self, b: np.ndarray) -> np.ndarray:
-        """x of A x = b; shape (n,) or (n, k)."""
-        return self._solve(b)
+    @property
+    def alive(self) -> bool:
+        """Whether no later factorisation has overwritten this one."""
+        return self._alive()
+
+    def solve(self, b: np.ndarray, *, transposed: bool = False) -> np.ndarray:
+        """x of A x = b, or of Aᵀ x = b; shape (n,) or (n, k)."""
+        return self._solve(b, transposed)
 
 
 def make_solver(
@@ -108,16 +114,19 @@ class Pardiso:
         if self._type == -2 and self.iparm[13] == 0:
             negative = int(self.iparm[22])
 
-        def solve(b):
+        def solve(b, transposed):
             if born != self._generation:
                 raise RuntimeError("this factor was overwritten by a later factorisation")
             columns = 1 if b.ndim == 1 else b.shape[1]
             right = np.array(b, dtype=float, order="F")
             x = np.zeros_like(right, order="F")
+            # PARDISO stores rows where its solve expects columns: 2 asks for Aᵀ.
+            self.iparm[11] = 2 if transposed else 0
             self._run(33, right, x, columns)
+            self.iparm[11] = 0
             return x
 
-        return Factor(solve, negative)
+        return Factor(solve, negative, lambda: born == self._generation)
 
     def _run(self, phase: int, b: np.ndarray, x: np.ndarray, columns: int) -> None:
         error = _pardiso(
@@ -186,7 +195,7 @@ class SuperLU:
         negative = None
         if self._symmetric and np.array_equal(lu.perm_r, lu.perm_c):
             negative = int(np.sum(lu.U.diagonal() < 0))
-        return Factor(lu.solve, negative)
+        return Factor(lambda b, transposed: lu.solve(b, "T" if transposed else "N"), negative)
 
 
 class ConjugateGradients:
@@ -209,7 +218,7 @@ class ConjugateGradients:
         )
         preconditioner = hierarchy.aspreconditioner()
 
-        def solve(b):
+        def solve(b, transposed=False):
             if b.ndim == 2:
                 return np.column_stack([solve(column) for column in b.T])
             count = [0]
