@@ -1,0 +1,1 @@
+"""Cases: geometry and scene of one structure each."""
