@@ -152,10 +152,11 @@ def box(
         named[name] = edge[_chosen(f"boundary {name!r}", mask)]
     mesh = linear
     if quadratic:
-        box_corners = grid[cells]  # (k, m, 3)
+        element, box_corners = linear.elem(), grid[cells]  # (k, m, 3)
 
         def positions(at: np.ndarray) -> np.ndarray:
-            points = np.einsum("a,amj->mj", at, box_corners)
+            share = [element.lbasis(at[:, None], a)[0].item() for a in range(len(box_corners))]
+            points = np.einsum("a,amj->mj", share, box_corners)
             return points if shape is None else _shaped(shape, points)
 
         mesh = curved(linear, positions)
@@ -165,17 +166,14 @@ def box(
 def curved(mesh: skfem.Mesh, positions: Callable[[np.ndarray], np.ndarray]) -> skfem.Mesh:
     """MeshHex2 or MeshTet2 over a linear mesh, without its names.
 
-    ``positions(shares)`` gives where one of the element's nodes lies in every cell, (m, 3), from
-    the linear shape functions of the corners there, (8,) or (4,).
+    ``positions(at)`` gives where the element's node at the reference position ``at`` (3,) lies in
+    every cell, (m, 3).
     """
     kind = skfem.MeshTet2 if isinstance(mesh, skfem.MeshTet1) else skfem.MeshHex2
     out = kind.from_mesh(mesh)
-    corner, element = mesh.elem(), out.elem()
-    dofs = out.dofs.element_dofs
-    X = out.doflocs.copy()
-    for a, at in enumerate(element.doflocs):
-        shares = np.array([corner.lbasis(at[:, None], c)[0].item() for c in range(mesh.nnodes)])
-        X[:, dofs[a]] = positions(shares).T
+    dofs, X = out.dofs.element_dofs, out.doflocs.copy()
+    for a, at in enumerate(out.elem().doflocs):
+        X[:, dofs[a]] = positions(at).T
     return kind(X, mesh.t)
 
 
