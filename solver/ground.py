@@ -15,7 +15,7 @@ from solver.scene import Evaluation
 
 # Weights of positive rules on the nodes and, last, the centre of a facet whose own nodes would get
 # weights that are negative or zero; then the shape functions of the nodes at that centre.
-_CENTRED = {
+CENTRED = {
     "hex20": (
         np.array([1, 1, 1, 1, 4, 4, 4, 4, 16]) / 36,
         np.array([-1, -1, -1, -1, 2, 2, 2, 2]) / 4,
@@ -67,7 +67,7 @@ class Ground:
         self._kappa = pressure / -_barrier(np.array([depth / (depth + reach)]))[1][0]
         n = len(body.nodes)
         area = np.zeros(n)
-        centred = _CENTRED.get(body.element)
+        centred = CENTRED.get(body.element)
         if centred is None:
             np.add.at(area, surface.nodes, np.einsum("fq,fqk->fk", surface.weights, surface.shapes))
             k = surface.nodes.shape[1]

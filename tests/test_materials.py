@@ -50,6 +50,8 @@ def test_all_materials_share_the_small_strain_moduli():
     I = np.eye(3)  # noqa: E741
     C = lam * np.einsum("ij,kl->ijkl", I, I) + mu * np.einsum("ik,jl->ijkl", I, I)
     C += mu * np.einsum("il,jk->ijkl", I, I)
+    stress = np.einsum("ijkl,kl", C, np.diag([1, -NU, -NU]))
+    np.testing.assert_allclose(stress, np.diag([E, 0, 0]), atol=1e-14)  # a bar in tension
     for name in ("neo-Hookean", "St Venant-Kirchhoff", "small strain"):
         np.testing.assert_allclose(MATERIALS[name].response(I)[2], C, atol=1e-14)
     a = np.array([1, 1, 0]) / np.sqrt(2)

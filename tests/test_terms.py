@@ -2,11 +2,11 @@
 
 import numpy as np
 import pytest
-from proofs import BODIES, ELEMENTS, matrix, prove, state
+from proofs import BODIES, ELEMENTS, block, matrix, prove, state
 from pytest import approx
 
 from solver.fields import resolve
-from solver.ground import Ground, GroundExponential
+from solver.ground import CENTRED, Ground, GroundExponential
 from solver.growth import Apical, General, Isotropic, Orthotropic
 from solver.materials import (
     Fibre,
@@ -62,13 +62,31 @@ def test_elastic_derivatives_without_growth_and_in_parts():
     np.testing.assert_allclose(soft.force, a.force + 0.1 * b.force, atol=1e-12)
 
 
-def test_the_memo_of_e_is_invisible():
+def test_functions_of_e_follow_e(monkeypatch):
+    # What a term remembers of the last e is invisible from outside, and so are its chunks of cells.
     body = BODIES["tet10"]
-    u, used = state(body), Elastic(body, MATERIALS["moving fields"], growth(body))
+    top = body.surface(lambda X: X[:, 2] > 0.8 - 1e-9)
+    X, u = body.points()[..., 0], state(body)
+    left = body.cells_where(lambda X: X[:, 0] > 0.5)
+    pairs = [
+        (
+            Elastic(body, MATERIALS["moving fields"], Isotropic(lambda e: -e / 2), cells=left),
+            lambda e: Elastic(body, NeoHookean(1 + e * X, 0.2 * e), Isotropic(-e / 2), cells=left),
+        ),
+        (Gravity(body, lambda e: 1 + e, lambda e: 2 * e), lambda e: Gravity(body, 1 + e, 2 * e)),
+        (Traction(body, top, lambda e: (e, 0, 1)), lambda e: Traction(body, top, (e, 0, 1))),
+        (Pressure(body, top, lambda e: e), lambda e: Pressure(body, top, e)),
+    ]
     for e in (0.2, 0.9, 0.2):
-        fresh = Elastic(body, MATERIALS["moving fields"], growth(body))
-        np.testing.assert_array_equal(used.evaluate(u, e).force, fresh.evaluate(u, e).force)
-        assert used.evaluate(u, e).energy == fresh.evaluate(u, e).energy
+        for used, fresh in pairs:
+            monkeypatch.setattr("solver.terms.CHUNK", 16)
+            mine = used.evaluate(u, e)
+            monkeypatch.undo()
+            at = fresh(e).evaluate(u, e)
+            np.testing.assert_allclose(mine.force, at.force, rtol=0, atol=1e-14)
+            if at.stiffness is not None:
+                np.testing.assert_allclose(mine.stiffness, at.stiffness, rtol=0, atol=1e-14)
+            assert mine.energy == (None if at.energy is None else approx(at.energy, rel=1e-12))
 
 
 @pytest.mark.parametrize("material", OBJECTIVE)
@@ -97,6 +115,12 @@ def test_free_uniform_growth_leaves_no_stress(element):
     assert np.abs(free.force).max() < 1e-10 * E
     assert abs(free.energy) < 1e-12 * E
     assert np.abs(term.evaluate(np.zeros_like(body.nodes), 1.0).force).max() > 0.01 * E
+    # The same for a tensor that isn't symmetric.
+    Fg = Q @ Fg
+    free = Elastic(body, NeoHookean(E, NU), General(Fg)).evaluate(
+        body.nodes @ (Fg.T - np.eye(3)), 0
+    )
+    assert np.abs(free.force).max() < 1e-10 * E
 
 
 def test_the_energy_counts_the_grown_volume():
@@ -184,6 +208,10 @@ def test_pressure_follows_nanson(element):
     total = Pressure(body, side, 2.0).evaluate(body.nodes @ H.T, 0.0, 1).force.sum(axis=0)
     area = np.linalg.det(F) * np.linalg.inv(F).T @ [0, 1, 0] * 0.8  # side 1 × 0.8
     np.testing.assert_allclose(total, 2.0 * area, rtol=1e-12)  # force = dE/du = −load
+    every = box_surface(body)
+    only = 2.0 * np.isclose(every.normals[:, 0, 1], 1)  # one value per facet
+    found = Pressure(body, every, only).evaluate(body.nodes @ H.T, 0.0, 1).force.sum(axis=0)
+    np.testing.assert_allclose(found, total, rtol=1e-12)
     twice = Pressure(body, side, lambda e, X: 2 * X[..., 1] / 1.5 * (1 + e))
     np.testing.assert_allclose(
         twice.evaluate(body.nodes @ H.T, 1.0, 1).force.sum(axis=0), 4.0 * area, rtol=1e-12
@@ -208,11 +236,7 @@ def test_pressure_with_a_held_rim_has_a_potential():
     rim = np.unique(np.concatenate([plane.nodes for plane in planes]))
     clamped = [Fixed(rim, axis) for axis in np.eye(3)]
     prove(Pressure(body, skin, 1.5, potential="volume", fixed=clamped, origin=(5, 5, 5)), u, 0.0)
-    for wrong in (
-        {},
-        {"fixed": planes[:2]},
-        {"fixed": planes, "origin": (0.1, 0, 0)},
-    ):
+    for wrong in ({}, {"fixed": planes[:2]}, {"fixed": planes, "origin": (0.1, 0, 0)}):
         with pytest.raises(ValueError, match=r"no potential here: .* free to move"):
             Pressure(body, skin, 1.5, potential="volume", **wrong)
 
@@ -266,6 +290,24 @@ def test_ground(element):
     assert 0 < share < 0.1 and np.isfinite(ground.evaluate(above + share * 10 * down, 0.0).energy)
     assert ground.longest_step(lie, -down) == 1.0
     assert ground.longest_step(lie, 1e-3 * down) == 1.0
+
+
+def test_ground_rules_with_facet_centres():
+    # On plane rectangles the 20-node rule is the 27-node one: Simpson's.
+    energies = []
+    for element in ("hex27", "hex20"):
+        body = block(element, distort=0)
+        bottom = body.surface(lambda X: X[:, 2] < 1e-9)
+        ground = Ground(body, bottom, thickness=0.8, pressure=3.0)
+        tilt = np.zeros_like(body.nodes)
+        tilt[:, 2] = 0.1 * body.nodes[:, 0] - 0.05 * body.nodes[:, 1]
+        energies.append(ground.evaluate(tilt, 0.0).energy)
+    assert energies[0] == approx(energies[1], rel=1e-12)
+    weights, share = CENTRED["tet10"]
+    L = np.vstack([np.eye(3), 0.5 * (np.eye(3) + np.roll(np.eye(3), 1, 1)), np.full(3, 1 / 3)])
+    np.testing.assert_allclose(weights @ L[:, 0] ** 2, 1 / 6)  # mean of L₁² over a triangle
+    np.testing.assert_allclose(weights @ L[:, 0] ** 3, 1 / 10)
+    assert share @ L[:6, 0] ** 2 == approx(1 / 9)  # quadratics, at the centre
 
 
 def test_ground_bounds_gap_and_penetration_for_any_load():
