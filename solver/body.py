@@ -32,6 +32,14 @@ ELEMENTS = {
 SURFACE_ORDER = {"hex27": 5, "hex20": 5, "hex8": 3, "tet10": 4, "tet4": 2}
 
 
+def _bent_rule(axis: int) -> tuple[np.ndarray, np.ndarray]:
+    """Gauss points of the unit cube, two along one axis and three along the others."""
+    lines = [np.polynomial.legendre.leggauss(2 if k == axis else 3) for k in range(3)]
+    points = np.meshgrid(*[(x + 1) / 2 for x, _ in lines], indexing="ij")
+    weights = np.meshgrid(*[w / 2 for _, w in lines], indexing="ij")
+    return np.array([x.ravel() for x in points]), np.prod([w.ravel() for w in weights], axis=0)
+
+
 def _geometry(mesh: skfem.Mesh, element: str) -> skfem.Mesh:
     """The mesh with no more geometry than the element can represent."""
     hexes = isinstance(mesh, skfem.MeshHex1)
@@ -164,8 +172,20 @@ class Body:
     weights: np.ndarray = field(repr=False)
 
     @classmethod
-    def build(cls, mesh: skfem.Mesh, element: str = "hex27", *, parts: bool = False) -> Body:
+    def build(
+        cls,
+        mesh: skfem.Mesh,
+        element: str = "hex27",
+        *,
+        bent: int | None = None,
+        parts: bool = False,
+    ) -> Body:
         """Body of a mesh; its sub-domains and boundaries keep their names.
+
+        ``bent``: the axis of the cells (0, 1, 2; of a box: x, y, z) along which they are long and
+        will curve. There hex27 takes two points instead of three: curved elements a hundred times
+        longer than thick then do not lock, and no spurious mode appears. Two such axes would bring
+        spurious modes.
 
         The geometry is never richer than the element: of a quadratic mesh hex8 and tet4 take the
         corners, hex20 the corners and mid-edge nodes, so that linear fields stay exact.
@@ -178,11 +198,13 @@ class Body:
         if element not in ELEMENTS:
             raise ValueError(f"no element {element!r}; there are: {', '.join(ELEMENTS)}")
         maker, order = ELEMENTS[element]
+        if bent is not None and (element != "hex27" or bent not in (0, 1, 2)):
+            raise ValueError(f"bent = {bent} with {element}; expected 0, 1 or 2, and hex27")
         mesh = _geometry(mesh, element)
         checks.refuse_nodes(mesh)
-        points = np.hstack(
-            [get_quadrature(mesh.elem.refdom, order)[0], maker().doflocs.T]
-        )  # the nodes too: curved cells often fail at their corners first
+        rule = get_quadrature(mesh.elem.refdom, order) if bent is None else _bent_rule(bent)
+        # The nodes too: curved cells often fail at their corners first.
+        points = np.hstack([rule[0], maker().doflocs.T])
         scaled = checks.determinants(mesh, points)[1]
         checks.refuse_cells(mesh, scaled)
         table = checks.facets(mesh)
@@ -191,7 +213,7 @@ class Body:
             checks.refuse_gaps(mesh, table)
         # What scikit-fem would sort out again, more slowly.
         mesh._facets, mesh._t2f, mesh._f2t = table.vertices, table.of_cell, table.cells
-        basis = skfem.Basis(mesh, maker(), intorder=order)
+        basis = skfem.Basis(mesh, maker(), quadrature=rule)
         cells = np.ascontiguousarray(basis.element_dofs.T, dtype=np.int32)
         k = cells.shape[1]
         gradients = np.empty((*basis.dx.shape, k, 3))

@@ -303,7 +303,7 @@ class Scene:
                 if where is None:
                     blocks += part.stiffness
                 else:
-                    np.add.at(blocks, where, part.stiffness)
+                    blocks[where] += part.stiffness  # each block stands once
         return Evaluation(energy, force, blocks)
 
     def energy(self, x: np.ndarray, e: float) -> float | None:
