@@ -129,7 +129,7 @@ def _through(mesh: skfem.Mesh, d: np.ndarray) -> dict[str, tuple[float, float]]:
     extent = np.ptp(height, axis=0)
     tetrahedra = [list(range(4))]
     if mesh.nnodes == 8:
-        at = {int(round(c @ (1, 2, 4))): a for a, c in enumerate(mesh.elem.refdom.p.T)}
+        at = {round(c @ (1, 2, 4)): a for a, c in enumerate(mesh.elem.refdom.p.T)}
         tetrahedra = [[at[0], at[i], at[j], at[7]] for i, j in PATHS]
     named = mesh.subdomains or {"the mesh": np.arange(mesh.t.shape[1])}
     found = {}

@@ -64,6 +64,11 @@ class Elastic:
         self._memo = None
         self._at(0.0)
 
+    @property
+    def ids(self) -> np.ndarray:
+        """Indices of the cells that the term covers."""
+        return self._ids
+
     def _at(self, e: float):
         """Properties, Fg⁻¹ and Jg at e. The memo holds one load and is invisible from outside."""
         memo = self._memo
