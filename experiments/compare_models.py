@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import sys
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -16,10 +17,15 @@ import pandas as pd
 
 from experiments.common import main, save_figure
 from foldlab import inverse
-from foldlab.classify import score
+from foldlab.classify import make_classifier, score
 from foldlab.compare import compare
 from foldlab.design import REDUCED
-from foldlab.operating_point import at_rate, plot_trade_off, threshold_curve
+from foldlab.operating_point import (
+    at_rate,
+    loss_weight_curve,
+    plot_trade_off,
+    threshold_curve,
+)
 from foldlab.plots import plot_pareto
 from foldlab.quickstart import symbolic_options
 from foldlab.sources import TimoshenkoSource
@@ -37,6 +43,7 @@ class Config:
     n_fresh: int = 200_000
     n_calibration: int = 12_000
     rate: float = 1e-3
+    loss_weights: tuple[float, ...] = (1.0, 3.0, 10.0, 30.0)
     proposals: int = 1000
     symbolic_seconds: float = 60.0
     models: tuple[str, ...] = MODELS
@@ -49,6 +56,7 @@ TINY = Config(
     n_fresh=2000,
     n_calibration=400,
     rate=0.1,
+    loss_weights=(1.0, 10.0),
     proposals=20,
     symbolic_seconds=1.0,
     models=("tree", "network", "symbolic"),
@@ -105,7 +113,16 @@ def run(config: Config, tracker) -> dict[str, Any]:
         print(f"seed {seed} done", file=sys.stderr)
         if seed == config.seed:
             curve = threshold_curve(network, fresh[REDUCED.names], fresh["foldable"])
-            figure = plot_trade_off(curve)
+            bias = loss_weight_curve(
+                partial(make_classifier, "network", REDUCED, seed=seed),
+                train[REDUCED.names],
+                train["foldable"],
+                fresh[REDUCED.names],
+                fresh["foldable"],
+                weights=config.loss_weights,
+            )
+            tracker.table("loss_weights", bias)
+            figure = plot_trade_off(curve, bias, point=result, rate=config.rate)
             save_figure(figure, "trade_off")
             tracker.figure("trade_off", figure)
             for name, model in last.models.items():
