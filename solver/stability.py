@@ -1,0 +1,324 @@
+"""Loss of stability: fold and branch points located, branches switched, stable paths followed.
+
+An equilibrium is stable if its stiffness, on the states that the rows allow, has no negative
+eigenvalue; the factorisation counts them. Between two points whose counts differ an eigenvalue
+passes zero. At a fold the load turns back there, ∂R/∂e has a part along the critical vector; at a
+branch point it has none, the load goes on and a second path crosses.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from scipy.optimize import brentq
+
+from solver.arc import Plane, Point, between, correct, displacement_size, tangent
+from solver.descent import critical_mode, descend
+from solver.linear import SingularMatrix
+from solver.newton import Outcome, largest
+from solver.scene import Scene
+from solver.steppers import ArcLength, LoadSteps
+
+# Width of the final bracket of an event, as a share of the step that contains it.
+RESOLUTION = 1e-5
+
+
+@dataclass(frozen=True, eq=False)
+class Event:
+    """Something that happened between two points.
+
+    ``kind``: ``fold`` or ``branch``, located on the path; ``snap`` or ``bifurcation``: what a
+    stable path did at one, the state being the one it came to. ``e``, ``x`` (size,). ``vector``
+    (size,): critical mode, 1 in the Euclidean norm; of a snap or bifurcation its displacement.
+    ``share``: where on the line between the points. ``unstable``: modes before and after.
+    ``sees_load``: cosine between the critical vector and ∂R/∂e, 0 at a branch point. ``tangent``
+    (size + 1,) of the path. ``size``: max|Δu| / length of a snap; ``energy_drop``: what the energy
+    fell by in it.
+    """
+
+    kind: str
+    e: float
+    x: np.ndarray
+    vector: np.ndarray
+    share: float = 0.0
+    unstable: tuple[int | None, int | None] = (None, None)
+    sees_load: float = 0.0
+    tangent: np.ndarray | None = None
+    size: float = 0.0
+    energy_drop: float = 0.0
+
+
+@dataclass(eq=False)
+class _Probe:
+    """A point at a share of the step, with its critical mode."""
+
+    share: float
+    point: Point
+    value: float | None
+    vector: np.ndarray | None
+
+
+def locate(scene: Scene, before: Point, after: Point, *, rtol: float) -> tuple[Event, ...]:
+    """Fold and branch points between two neighbours of a path, in order.
+
+    Where the direction of the load turns there is a fold. Where the count of unstable modes changes
+    otherwise there is a branch point. Changes that undo each other within the step are not seen.
+    Empty where nothing changed or the path between could not be followed.
+    """
+    start, end = (_Probe(s, p, None, None) for s, p in ((0.0, before), (1.0, after)))
+    if not _differ(start, end):
+        return ()
+    return tuple(_search(scene, before, after, start, end, rtol))
+
+
+def _differ(p: _Probe, q: _Probe) -> bool:
+    counts = (p.point.unstable, q.point.unstable)
+    return _turns(p, q) or (None not in counts and counts[0] != counts[1])
+
+
+def _turns(p: _Probe, q: _Probe) -> bool:
+    return p.point.tangent[-1] * q.point.tangent[-1] < 0
+
+
+def _probe(scene, before, after, share, rtol) -> _Probe | None:
+    made = between(scene, before, after, share, rtol=rtol)
+    if made is None:
+        return None
+    point, factor = made
+    try:
+        return _Probe(share, point, *critical_mode(scene, factor, sweeps=30))
+    except SingularMatrix:
+        return _Probe(share, point, None, None)
+
+
+def _search(scene, before, after, low: _Probe, high: _Probe, rtol) -> list[Event]:
+    """Events between two probes that differ: one is bracketed, then each side of it is searched."""
+    if high.share - low.share <= 4 * RESOLUTION or not _differ(low, high):
+        return []
+    fold = _turns(low, high)
+    first = low.point.unstable
+
+    def gap(probe):
+        """Changes sign at the event looked for."""
+        if fold:
+            return probe.point.tangent[-1]
+        size = 1.0 if probe.value is None else abs(probe.value)
+        return size if probe.point.unstable == first else -size
+
+    seen = {low.share: low, high.share: high}
+
+    def at(share):
+        if share not in seen:
+            seen[share] = _probe(scene, before, after, share, rtol)
+            if seen[share] is None:
+                raise ArithmeticError
+        return seen[share]
+
+    def bounded(share):
+        probe = at(share)
+        if probe.value is None and share in (low.share, high.share) and not fold:
+            # The ends come without their mode; a size like the neighbour's keeps the secant sane.
+            middle = at(0.5 * (low.share + high.share))
+            size = abs(middle.value) if middle.value is not None else 1.0
+            return size if probe.point.unstable == first else -size
+        return gap(probe)
+
+    try:
+        root = brentq(bounded, low.share, high.share, xtol=RESOLUTION / 4, rtol=1e-12)
+    except ArithmeticError:
+        return []
+    left = right = None
+    half = RESOLUTION / 2
+    while half < 0.1 and (left is None or right is None):
+        try:
+            if left is None:
+                probe = at(max(root - half, low.share))
+                left = probe if gap(probe) * bounded(low.share) > 0 else None
+            if right is None:
+                probe = at(min(root + half, high.share))
+                right = probe if gap(probe) * bounded(high.share) > 0 else None
+        except ArithmeticError:
+            pass
+        half *= 3
+    if left is None or right is None:
+        return []
+    event = _event(scene, left, right, fold)
+    return [
+        *_search(scene, before, after, low, left, rtol),
+        *([event] if event is not None else []),
+        *_search(scene, before, after, right, high, rtol),
+    ]
+
+
+def _event(scene: Scene, left: _Probe, right: _Probe, fold: bool) -> Event | None:
+    """The event between two close probes, by straight lines between them."""
+    p, q = left.point, right.point
+    ends = (p.tangent[-1], q.tangent[-1]) if fold else (left.value, right.value)
+    w = 0.5
+    if None not in ends and ends[0] * ends[1] < 0:
+        w = ends[0] / (ends[0] - ends[1])
+    vector = left.vector if left.vector is not None else right.vector
+    if vector is None:
+        return None
+    z = (1 - w) * p.z + w * q.z
+    x, e = z[:-1], float(z[-1])
+    rate = scene.load_rate(x, e, 1e-3 * p.metric.b)
+    sees = 0.0
+    if rate is not None and np.linalg.norm(rate[: scene.n_free]) > 0:
+        sees = float(abs(vector @ rate) / np.linalg.norm(rate[: scene.n_free]))
+    return Event(
+        "fold" if fold else "branch", e, x, vector, (1 - w) * left.share + w * right.share,
+        (p.unstable, q.unstable), sees, p.metric.unit(p.tangent + q.tangent),
+    )  # fmt: skip
+
+
+def switch(
+    scene: Scene, event: Event, near: Point, *, rtol: float, amplitude: float = 1e-2, side: int = 1
+) -> Point | Outcome:
+    """A point on the second path through a branch point, on one of its two sides.
+
+    ``near``: a point of the first path beside the event; it gives sizes and step control.
+    ``amplitude``: how far along the critical vector, max|Δu| / length; halved until a point is
+    found. Following it leads away from the branch point. Returns Outcome.NO_BRANCH where there is
+    none.
+
+    Raises ValueError for an event that is no branch point.
+    """
+    if event.kind != "branch":
+        raise ValueError(f"a {event.kind} has no second path; switch at an event of kind 'branch'")
+    mode = np.append(event.vector / largest(event.vector), 0.0) * scene.scales.length * side
+    metric, here = near.metric, np.append(event.x, event.e)
+    # Across the first path, so that it can't be found again.
+    along = metric.unit(event.tangent)
+    mode = mode - metric.dot(mode, along) * along
+    size = displacement_size(scene, mode[:-1])
+    for _ in range(8):
+        own = metric.sized(amplitude * size, metric.b)
+        line = amplitude * mode
+        found = correct(
+            scene, here + line, Plane(here + line, own.row(line)),
+            rtol=rtol, load_size=metric.b, max_iterations=20,
+        )  # fmt: skip
+        if found.converged and own.norm(found.z - here) < 10:
+            x, e = found.z[:-1], float(found.z[-1])
+            way = tangent(scene, x, e, found.system.factorise(), line, own)
+            if way is not None:
+                return Point(
+                    near.index + 1, e, x, way, metric, found.system.unstable, found.system.energy,
+                    found.iterations, e - event.e, found.residual,
+                )  # fmt: skip
+        amplitude /= 2
+    return Outcome.NO_BRANCH
+
+
+@dataclass(frozen=True)
+class StablePath:
+    """What a real body does as the load grows: it stays on a stable path while there is one.
+
+    ``steps``: the load steps on it. Where a step fails or ends in an unstable state, the loss of
+    stability is located by following the arc; beyond it the state is perturbed along the critical
+    vector (``nudge``, max|Δu| / length, ``side`` ±1 chooses the way at a branch point) and the
+    energy falls to the next stable equilibrium, from which the path goes on. ``beyond``: how far
+    past the critical load that is, as a share of the step. ``reach``: see
+    :func:`solver.descent.descend`. Needs a scene with an energy.
+    """
+
+    steps: LoadSteps
+    nudge: float = 1e-3
+    side: int = 1
+    beyond: float = 1e-2
+    reach: float = 0.1
+    max_arc_steps: int = 60
+    _quick: LoadSteps = field(init=False, repr=False)
+
+    def __post_init__(self):
+        # A step that fails once may be hard; one that fails at a tenth is at a critical point.
+        quick = replace(self.steps, smallest=max(self.steps.smallest, 0.9 / self.steps.cut))
+        object.__setattr__(self, "_quick", quick)
+
+    @property
+    def rtol(self) -> float:
+        """That of the steps."""
+        return self.steps.rtol
+
+    def begin(self, scene: Scene, x: np.ndarray, e: float, sign: float) -> Point | Outcome:
+        """First point: the stable equilibrium down the energy from the guess."""
+        found = descend(scene, x, e, rtol=self.rtol, reach=self.reach)
+        if not found.converged:
+            return found.outcome
+        return self.steps.begin(scene, found.x, e, sign)
+
+    def resume(self, point: Point, target: float | None) -> Point:
+        """The point, set to walk towards the target."""
+        return self.steps.resume(point, target)
+
+    def advance(self, scene: Scene, point: Point, target: float | None) -> Point | Outcome:
+        """The next stable point."""
+        found = self._quick.advance(scene, point, target)
+        if isinstance(found, Point) and found.unstable == 0:
+            return found
+        events = ()
+        if isinstance(found, Point):
+            events = locate(scene, point, found, rtol=self.rtol)
+        if not events:
+            met = self._arc_to_event(scene, point, target)
+            if isinstance(met, Point):
+                return met
+            events = met
+        sign = float(np.sign(target - point.e if target is not None else point.tangent[-1]))
+        if not events:
+            return self._fall(scene, point, None, sign, target)
+        return self._fall(scene, point, events[0], sign, target)
+
+    def _arc_to_event(self, scene, point, target) -> tuple[Event, ...] | Point:
+        """Follow the arc until stability is lost; a Point if a whole load step stays stable."""
+        arc = ArcLength(
+            self.rtol, max(0.3 * point.metric.a, 1e-9), 0.3 * point.metric.b, largest=3.0
+        )
+        here, sign = point, np.sign(point.tangent[-1])
+        for _ in range(self.max_arc_steps):
+            found = arc.advance(scene, here)
+            if isinstance(found, Outcome):
+                return ()
+            if found.unstable != 0 or found.tangent[-1] * sign < 0:
+                return locate(scene, here, found, rtol=self.rtol)[:1]
+            passed = target is not None and (found.e - target) * sign >= 0
+            if passed or (found.e - point.e) * sign >= self.steps.step:
+                break
+            here = found
+        else:
+            return ()
+        if here is point:
+            return ()
+        return replace(here, index=point.index + 1, control=point.control)
+
+    def _fall(self, scene, point, event, sign, target) -> Point | Outcome:
+        """Beyond the critical load, down the energy to a stable state."""
+        x, e, located = point.x, point.e, ()
+        mode = np.zeros(scene.size)
+        if event is not None:
+            x, e, located = event.x, event.e, (event,)
+            mode = event.vector * scene.scales.length / largest(event.vector)
+            side = self.side
+            if event.kind == "fold":
+                side = 1 if point.metric.dot(event.tangent, np.append(mode, 0.0)) > 0 else -1
+            mode = self.nudge * side * mode
+        on = e + sign * self.beyond * self.steps.step
+        if target is not None and (on - target) * sign > 0:
+            on = target
+        begin = scene.energy(x, on)
+        found = descend(scene, x + mode, on, rtol=self.rtol, reach=self.reach)
+        if not found.converged:
+            return found.outcome
+        shift = np.append(found.x - x, 0.0)
+        after = self.steps._point(scene, point, found, found.iterations, self.steps.step / 8)
+        if after is None:
+            return Outcome.SINGULAR
+        snap = Event(
+            "bifurcation" if event is not None and event.kind == "branch" else "snap",
+            on, found.x, shift[:-1], 1.0, (event.unstable[1] if event else None, after.unstable),
+            size=largest(shift[: scene.n_free]) / scene.scales.length,
+            energy_drop=float(begin - after.energy),
+        )  # fmt: skip
+        return replace(after, events=(*located, snap), history=())
