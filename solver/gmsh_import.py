@@ -87,7 +87,7 @@ def from_model() -> skfem.Mesh:
             "10 nodes, or hexahedra with 8, 20 or 27"
         )
     kind = kinds[0]
-    _, _, order, n, local, corners = mesh.getElementProperties(kind)
+    _, _, order, n, local, _ = mesh.getElementProperties(kind)
     local = np.reshape(local, (n, 3))
     if kind in HEXAHEDRA:
         local = (local + 1) / 2
@@ -108,10 +108,6 @@ def from_model() -> skfem.Mesh:
     t = cells[:, at].T
     used, flat = np.unique(t, return_inverse=True)
     t = flat.reshape(t.shape)
-    turn = np.tile(np.arange(corners)[:, None], t.shape[1])
-    if kind in TETRAHEDRA:  # scikit-fem sorts their corners
-        turn = np.argsort(t, axis=0, kind="stable")
-        t = np.take_along_axis(t, turn, 0)
     out = first(np.ascontiguousarray(X[used].T), np.ascontiguousarray(t.astype(np.int32)))
     names = [
         (dim, load_gmsh().model.getPhysicalName(dim, tag) or str(tag),
@@ -125,7 +121,7 @@ def from_model() -> skfem.Mesh:
     number[used] = np.arange(len(used))
     named = _match(out, {name: number[faces] for name, faces in named.items() if len(faces)})
     if order == 2:
-        out = curved(out, _second_order(kind, local, X, cells, np.asarray(at)[turn]))
+        out = curved(out, _second_order(local, X, cells))
     return out.with_subdomains(sub).with_boundaries(named)
 
 
@@ -135,21 +131,15 @@ def _nearest(local: np.ndarray, p: np.ndarray) -> int:
     return best if gap[best] < 1e-9 else -1
 
 
-def _second_order(kind: int, local, X, cells, corner):
-    """Positions of quadratic nodes for :func:`curved`; corner (k, m): Gmsh's number of each."""
-    every = np.arange(len(cells))
+def _second_order(local: np.ndarray, X: np.ndarray, cells: np.ndarray):
+    """Positions of quadratic nodes for :func:`curved`."""
     serendipity = skfem.ElementHexS2()
 
     def positions(at: np.ndarray) -> np.ndarray:
-        if kind in TETRAHEDRA:
-            # By the corners it stands between, because those were sorted.
-            shares = np.append(1 - at.sum(), at)
-            ends = local[corner[shares > 0]].mean(axis=0)  # (m, 3)
-            gap = np.linalg.norm(ends[:, None] - local, axis=2)
-            return X[cells[every, np.argmin(gap, axis=1)]]
         a = _nearest(local, at)
         if a >= 0:
             return X[cells[:, a]]
+        # Face and centre nodes, which 20-node hexahedra don't have.
         nodes = [_nearest(local, p) for p in serendipity.doflocs]
         share = [serendipity.lbasis(at[:, None], b)[0].item() for b in range(20)]
         return np.einsum("b,mbi->mi", share, X[cells[:, nodes]])

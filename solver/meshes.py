@@ -132,9 +132,6 @@ def box(
         corners, t = placed[first], merged[t]
     if quadratic is None:
         quadratic = shape is not None
-    if tets:  # scikit-fem sorts the corners of tetrahedra
-        order = np.argsort(t, axis=0, kind="stable")
-        t, cells = np.take_along_axis(t, order, 0), np.take_along_axis(cells, order, 0)
     linear = (skfem.MeshTet1 if tets else skfem.MeshHex1)(
         np.ascontiguousarray(corners.T), np.ascontiguousarray(t.astype(np.int32))
     )
@@ -206,12 +203,6 @@ def weld(mesh: skfem.Mesh, tolerance: float = TOUCH) -> skfem.Mesh:
     first = np.unique(merged, return_index=True)[1]
     t = merged[mesh.t].astype(np.int32)
     before, names = mesh.t2f, mesh.boundaries or {}
-    if isinstance(mesh, skfem.MeshTet1):
-        # Local facets follow the corners, which scikit-fem sorts again.
-        order = np.argsort(t, axis=0, kind="stable")
-        t = np.take_along_axis(t, order, 0)
-        # Facet i of a tetrahedron leaves out corner 3 − i.
-        before = np.take_along_axis(before[::-1], order, 0)[::-1]
     out = type(mesh)(np.ascontiguousarray(mesh.p[:, first]), t)
     after = np.empty(before.max() + 1, int)
     after[before] = out.t2f

@@ -13,23 +13,28 @@ ORDER = {"hex27": 2, "hex20": 2, "hex8": 1, "tet10": 2, "tet4": 1}
 def wavy(X):
     """Moves nodes of the unit cube without folding it."""
     x, y, z = X.T
-    return np.stack([x + 0.1 * y * z, y + 0.08 * np.sin(2 * x + z), z - 0.1 * x * y], axis=-1)
+    return np.stack(
+        [x + 0.1 * y * z, y + 0.08 * np.sin(2 * x + z), z - 0.1 * x * y - 0.2 * x * x * y * y],
+        axis=-1,
+    )
 
 
 def build(element, kind):
-    """Body of the unit cube (2 × 3 × 2 cells), of a distorted cube, or of a curved arch."""
+    """Body of the unit cube (2 × 3 × 2 cells), distorted, warped, or of an arch."""
     tets = element.startswith("tet")
     ax = [np.array([0, 0.4, 1.0]), np.linspace(0, 1, 4), np.array([0, 0.7, 1.0])]
     if kind == "straight":
         return Body.build(box(*ax, tets=tets), element)
-    if kind == "distorted":
-        return Body.build(box(*ax, tets=tets, shape=wavy, quadratic=False), element)
+    if kind in ("distorted", "warped"):
+        return Body.build(box(*ax, tets=tets, shape=wavy, quadratic=kind == "warped"), element)
     r, a, w = np.array([1, 1.2, 1.5]), np.linspace(0, np.pi / 2, 5), np.array([0, 0.3, 0.5])
     return Body.build(box(r, a, w, tets=tets, shape=polar), element)
 
 
-@pytest.fixture(params=[(e, k) for e in ELEMENTS for k in ("straight", "distorted", "curved")],
-                ids="-".join)  # fmt: skip
+KINDS = ("straight", "distorted", "warped", "curved")
+
+
+@pytest.fixture(params=[(e, k) for e in ELEMENTS for k in KINDS], ids="-".join)
 def body(request):
     return build(*request.param)
 

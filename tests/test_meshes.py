@@ -92,12 +92,23 @@ def test_ring_closes_and_sphere_patch_is_a_24th(element):
         np.testing.assert_allclose(patch.nodes[patch.nodes_of(side)] @ normal, 0, atol=1e-12)
 
 
+@pytest.mark.parametrize("shape", [None, lambda X: X[:, [1, 2, 0]]])
+def test_reference_axes_of_the_cells_are_the_axes_of_the_box(shape):
+    mesh = box([0, 2], [0, 3], [0, 5], shape=shape)
+    J = checks.jacobians(mesh, np.full((3, 1), 0.3))[0, :, :, 0]
+    wanted = np.diag([2.0, 3.0, 5.0])
+    np.testing.assert_allclose(J, wanted if shape is None else wanted[[1, 2, 0]], atol=1e-12)
+
+
 @pytest.mark.parametrize("tets", [False, True])
 def test_weld_joins_layers_and_keeps_names(tets):
     lower = box(TWO, ONE, ONE, tets=tets)
     upper = box(TWO, ONE, [1.0, 2.0], tets=tets)
     n, m = lower.p.shape[1], lower.t.shape[1]
-    both = type(lower)(np.hstack([lower.p, upper.p]), np.hstack([lower.t, upper.t + n]))
+    # The upper corners are numbered backwards: merging them changes the order within a cell.
+    both = type(lower)(
+        np.hstack([lower.p, upper.p[:, ::-1]]), np.hstack([lower.t, 2 * n - 1 - upper.t])
+    )
     both = both.with_subdomains({"top": np.arange(m, 2 * m)}).with_boundaries({
         "floor": lambda X: X[2] == 0, "seam": lambda X: X[2] == 1, "end": lambda X: X[0] == 2
     })  # fmt: skip
