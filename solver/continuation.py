@@ -196,7 +196,7 @@ def _land(scene, before, after, until, rtol) -> Point | Outcome:
         # A load is met exactly by Newton afterwards.
         near = 1e-3 if isinstance(until, Load) else 1e-12
         value(brentq(value, 0.0, 1.0, xtol=near, rtol=1e-12))
-    except ArithmeticError:
+    except (ArithmeticError, RuntimeError):
         return Outcome.NOT_CONVERGED
     if isinstance(until, Load):
         exact = newton(scene, last.x, until.value, rtol=rtol, max_iterations=20)

@@ -59,7 +59,8 @@ def descend(
     mode, to the side where the energy is lower. Outcomes: CONVERGED (no unstable modes),
     NO_STABLE_STATE, NO_PROGRESS, STAGNATED, INADMISSIBLE, SINGULAR.
 
-    Raises ValueError for a scene without energy, a tolerance ≤ 0 or a guess of the wrong shape.
+    Raises ValueError for a scene without energy or whose linear solver can't count negative pivots,
+    a tolerance ≤ 0 or a guess of the wrong shape.
     """
     x = checked(scene, x, rtol)
     n, length = scene.n_free, scene.scales.length
@@ -131,12 +132,20 @@ def _definite(scene: Scene, system: System, shift: float) -> tuple[System, float
         return system, 0.0, spent
     value, _ = critical_mode(scene, system.factorise(), sweeps=4)
     shift = max(shift, 2 * abs(value), 1e-14 * scene.scales.force / scene.scales.length)
+    counted = system.unstable is not None
     for _ in range(40):
         trial = system.shifted(shift)
         spent += 1
-        if trial.unstable == 0:
+        count = trial.unstable
+        counted |= count is not None
+        if count == 0:
             return trial, shift, spent
         shift *= 4
+    if not counted:
+        raise ValueError(
+            "descend needs to count negative pivots, and this scene's linear solver gives none; "
+            "use linear='pardiso' and terms that are all symmetric"
+        )
     raise SingularMatrix("no shift makes the tangent positive definite")
 
 

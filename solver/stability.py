@@ -124,11 +124,13 @@ def _search(scene, before, after, low: _Probe, high: _Probe, rtol) -> list[Event
             return size if probe.point.unstable == first else -size
         return gap(probe)
 
+    left = right = None
     try:
         root = brentq(bounded, low.share, high.share, xtol=RESOLUTION / 4, rtol=1e-12)
-    except ArithmeticError:
-        return []
-    left = right = None
+    except (ArithmeticError, RuntimeError):
+        # Close to a singular point a thin structure's corrections may not settle: the tightest
+        # bracket of probes that did is taken, and the event interpolated within it.
+        left, right = _bracket(seen, bounded, low, high)
     half = RESOLUTION / 2
     while half < 0.1 and (left is None or right is None):
         try:
@@ -142,6 +144,8 @@ def _search(scene, before, after, low: _Probe, high: _Probe, rtol) -> list[Event
             pass
         half *= 3
     if left is None or right is None:
+        left, right = _bracket(seen, bounded, low, high)
+    if left is None or right is None:
         return []
     event = _event(scene, left, right, fold)
     return [
@@ -149,6 +153,15 @@ def _search(scene, before, after, low: _Probe, high: _Probe, rtol) -> list[Event
         *([event] if event is not None else []),
         *_search(scene, before, after, right, high, rtol),
     ]
+
+
+def _bracket(seen, gap, low: _Probe, high: _Probe) -> tuple[_Probe, _Probe]:
+    """The closest pair of probes, of those that were found, between which ``gap`` changes sign."""
+    found = [p for share, p in sorted(seen.items()) if p is not None]
+    same = [p for p in found if gap(p.share) * gap(low.share) > 0]
+    left = max(same, key=lambda p: p.share)
+    right = min((p for p in found if p.share > left.share), key=lambda p: p.share, default=high)
+    return left, right
 
 
 def _event(scene: Scene, left: _Probe, right: _Probe, fold: bool) -> Event | None:

@@ -8,6 +8,7 @@ along a path is in its points, so that a rejected step leaves nothing behind.
 from __future__ import annotations
 
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -51,11 +52,12 @@ class Noise:
         force[: scene.n_free] = rng.standard_normal(scene.n_free)
         field = np.zeros(scene.size)
         system = scene.system(point.x, point.e)
-        try:
-            answer = system.factorise().solve(force)[: scene.n_free]
-        except (AttributeError, SingularMatrix):
-            answer = force[: scene.n_free]
-        field[: scene.n_free] = answer / largest(answer)
+        answer = force
+        if system is not None:
+            with suppress(SingularMatrix):
+                answer = system.factorise().solve(force)
+        n = scene.n_free
+        field[:n] = answer[:n] / largest(answer[:n])
         return scene, field
 
 
@@ -71,8 +73,10 @@ class LoadSteps:
     0 the last displacement, 1 the tangent (Eq. 2.63), 2 through the point before, 3 its tangent
     too, 4 and 5 one point more; the best one up to it is taken. ``jump``: a step is refused if
     the tangents at its ends leave more than this share of it unexplained, for then its end lies on
-    another path; inf allows it.
-    ``noise``: with an energy, each step then goes down to a stable state.
+    another path; inf allows it. ``noise``: with an energy, each step then goes down to a
+    stable state.
+
+    Raises ValueError for sizes that are not positive and orders that don't exist.
     """
 
     rtol: float
@@ -87,9 +91,17 @@ class LoadSteps:
     max_iterations: int = 20
     noise: Noise | None = None
 
+    def __post_init__(self):
+        _positive(self, "rtol", "step", "first", "smallest", "growth", "largest", "jump")
+        if not (self.cut > 1 and self.growth >= 1 and 0 <= self.order <= 5):
+            raise ValueError(
+                f"cut = {self.cut}, growth = {self.growth}, order = {self.order}; "
+                "expected cut > 1, growth >= 1 and an order from 0 to 5"
+            )
+
     def begin(self, scene: Scene, x: np.ndarray, e: float, sign: float) -> Point | Outcome:
         """First point of a path."""
-        found = newton(scene, x, e, rtol=self.rtol, max_iterations=50)
+        found = _start(scene, x, e, self.rtol)
         if not found.converged:
             return Outcome.NO_START
         along = np.zeros(scene.size + 1)
@@ -193,6 +205,8 @@ class ArcLength:
     points, and the polynomials with tangents; the smallest residual wins. Keeping everything is not
     among them: the ellipsoid's gradient vanishes at its centre, and the step from there along the
     path is the tangent guess.
+
+    Raises ValueError for sizes that are not positive and orders that don't exist.
     """
 
     rtol: float
@@ -205,9 +219,17 @@ class ArcLength:
     easy: int = 4
     max_iterations: int = 12
 
+    def __post_init__(self):
+        _positive(self, "rtol", "a", "b", "smallest", "largest", "easy")
+        if not (self.forward < 1 and 1 <= self.order <= 5):
+            raise ValueError(
+                f"forward = {self.forward}, order = {self.order}; "
+                "expected forward < 1 and an order from 1 to 5"
+            )
+
     def begin(self, scene: Scene, x: np.ndarray, e: float, sign: float) -> Point | Outcome:
         """First point of a path, which sets out with the load rising (sign 1) or falling (−1)."""
-        found = newton(scene, x, e, rtol=self.rtol, max_iterations=50)
+        found = _start(scene, x, e, self.rtol)
         if not found.converged:
             return Outcome.NO_START
         along = np.zeros(scene.size + 1)
@@ -290,10 +312,24 @@ class ArcLength:
         )  # fmt: skip
 
 
+def _positive(stepper, *names: str) -> None:
+    for name in names:
+        if not getattr(stepper, name) > 0:
+            raise ValueError(f"{name} = {getattr(stepper, name)}; expected a number > 0")
+
+
 def _misfit(scene: Scene, x: np.ndarray, e: float) -> float:
     """‖R‖, inf where not admissible: what guesses are judged by (Eq. 2.74)."""
     R = scene.residual(x, e)
     return np.inf if R is None else float(np.linalg.norm(R))
+
+
+def _start(scene: Scene, x: np.ndarray, e: float, rtol: float) -> NewtonResult:
+    """An equilibrium near the guess; where Newton finds none, down the energy if there is one."""
+    found = newton(scene, x, e, rtol=rtol, max_iterations=50, unstable=0)
+    if found.converged or found.outcome is Outcome.INADMISSIBLE or not scene.symmetric:
+        return found
+    return found if scene.energy(x, e) is None else descend(scene, x, e, rtol=rtol)
 
 
 def _first(scene, found: NewtonResult, along, metric, control) -> Point | Outcome:

@@ -65,9 +65,10 @@ class Pull:
 class Function:
     """E(q, e), its gradient and Hessian; q the x displacements of all nodes. None: no energy."""
 
-    symmetric, name = True, "function"
+    name = "function"
 
-    def __init__(self, n, energy, gradient, hessian):
+    def __init__(self, n, energy, gradient, hessian, symmetric=True):
+        self.symmetric = symmetric
         self.n, self.f, self.g, self.h = n, energy, gradient, hessian
         self.graph = NodeGraph.of(n, np.arange(n, dtype=np.int32)[None, :])
 
@@ -83,11 +84,11 @@ class Function:
         return Evaluation(energy, force, blocks.reshape(-1, 3, 3))
 
 
-def function_scene(n, energy, gradient, hessian):
+def function_scene(n, energy, gradient, hessian, symmetric=True):
     body = Nodes(np.arange(3.0 * n).reshape(n, 3), 1.0)
     everything = np.arange(n)
     return Scene(
-        body, [Function(n, energy, gradient, hessian)],
+        body, [Function(n, energy, gradient, hessian, symmetric)],
         fixed=[Fixed(everything, (0, 1, 0)), Fixed(everything, (0, 0, 1))],
         scales=Scales(1.0, 1.0, 1.0),
     )  # fmt: skip

@@ -1,29 +1,25 @@
-"""Newton, descent, load steps, arc length, events and stable paths, on scenes with known answers.
+"""Load steps and arc length, on scenes with known answers.
 
 The scenes are bars and plain functions (path_toys), so that what is tested is the path following
-and not the elements; two tests at the end take a real strip that folds itself.
+and not the elements; the last test takes a real strip that folds itself.
 """
-
-from dataclasses import replace
 
 import numpy as np
 import pytest
 import skfem
 from path_toys import (
     carousel,
-    column,
     function_scene,
     truss,
     truss_load,
     truss_on_spring,
 )
 
-from solver.arc import Bordered
+from solver.arc import between
 from solver.body import Body
 from solver.continuation import (
     ArcLength,
     LoadSteps,
-    Noise,
     Outcome,
     StablePath,
     follow,
@@ -31,13 +27,9 @@ from solver.continuation import (
     trace,
     turned,
 )
-from solver.descent import critical_mode, descend
 from solver.growth import Orthotropic
-from solver.linear import make_solver
 from solver.materials import NeoHookean
-from solver.newton import newton
-from solver.scene import Fixed, Scene, rotation_row, translation_row
-from solver.stability import switch
+from solver.scene import Fixed, Scene, translation_row
 from solver.terms import Elastic
 
 # references.md §6: von Mises truss, engineering strain, P/2EA at H/a = 0.1
@@ -51,132 +43,6 @@ def rest(scene):
 
 def kinds(path):
     return [event.kind for event in path.events]
-
-
-# -- Newton -----------------------------------------------------------------------------------
-
-
-def test_newton_converges_where_the_plain_iteration_diverges():
-    # E = √(1 + q²) − e q: the plain step from |q| > 1 runs away, q ← −q³ at e = 0
-    scene = function_scene(
-        1,
-        lambda q, e: np.sqrt(1 + q[0] ** 2) - e * q[0],
-        lambda q, e: q / np.sqrt(1 + q**2) - e,
-        lambda q, e: np.array([[(1 + q[0] ** 2) ** -1.5]]),
-    )
-    found = newton(scene, np.array([5.0]), 0.5, rtol=1e-12)
-    assert found.converged
-    assert found.x[0] == pytest.approx(1 / np.sqrt(3), abs=1e-12)
-    # The same without an energy: the natural test alone has to hold it back.
-    blind = function_scene(
-        1,
-        None,
-        lambda q, e: q / np.sqrt(1 + q**2) - e,
-        lambda q, e: np.array([[(1 + q[0] ** 2) ** -1.5]]),
-    )
-    found = newton(blind, np.array([5.0]), 0.5, rtol=1e-12)
-    assert found.converged
-    assert found.x[0] == pytest.approx(1 / np.sqrt(3), abs=1e-12)
-
-
-def test_newton_keeps_to_admissible_states_and_says_when_there_are_none():
-    # E = −log q + q: q > 0 only; from 3.9 the plain step goes to −7.4
-    def energy(q, e):
-        return q[0] - np.log(q[0]) if q[0] > 0 else np.inf
-
-    scene = function_scene(
-        1, energy, lambda q, e: 1 - 1 / q, lambda q, e: np.array([[1 / q[0] ** 2]])
-    )
-    found = newton(scene, np.array([3.9]), 0.0, rtol=1e-12)
-    assert found.converged
-    assert found.x[0] == pytest.approx(1.0, abs=1e-12)
-    assert newton(scene, np.array([-1.0]), 0.0, rtol=1e-9).outcome is Outcome.INADMISSIBLE
-
-
-def test_newton_goes_to_a_saddle_and_descent_does_not():
-    scene = truss()
-    saddle = newton(scene, np.array([-0.1]), 0.0, rtol=1e-12)
-    assert saddle.converged
-    assert (saddle.x[0], saddle.system.unstable) == (pytest.approx(-0.1, abs=1e-14), 1)
-    down = descend(scene, np.array([-0.1]), 0.0, rtol=1e-12)
-    assert down.converged
-    assert down.system.unstable == 0
-    assert abs(down.x[0]) == pytest.approx(0.0, abs=1e-12) or down.x[0] == pytest.approx(-0.2)
-
-
-def test_newton_stagnation_is_told_from_convergence():
-    noise = np.random.default_rng(0)
-    scene = function_scene(
-        1, None,
-        lambda q, e: q - 1 + 1e-6 * noise.standard_normal(1),
-        lambda q, e: np.array([[1.0]]),
-    )  # fmt: skip
-    found = newton(scene, np.zeros(1), 0.0, rtol=1e-9, max_iterations=50)
-    assert found.outcome is Outcome.STAGNATED or found.outcome is Outcome.NO_PROGRESS
-    assert newton(scene, np.zeros(1), 0.0, rtol=1e-4).converged
-
-
-def test_barriers_shorten_the_step():
-    class Wall:
-        symmetric, graph, name = True, None, "wall"
-
-        def evaluate(self, u, e, order=2):
-            from solver.scene import Evaluation
-
-            return Evaluation(np.inf) if u[0, 0] >= 2 else Evaluation(0.0, np.zeros_like(u))
-
-        def longest_step(self, u, du):
-            return 0.9 * (2 - u[0, 0]) / du[0, 0] if du[0, 0] > 0 else 1.0
-
-    scene = function_scene(
-        1,
-        lambda q, e: q[0] ** 4 / 4 - q[0],
-        lambda q, e: q**3 - 1,
-        lambda q, e: np.array([[3 * q[0] ** 2]]),
-    )
-    scene.terms = (*scene.terms, Wall())
-    scene._where = [*scene._where, None]
-    tried = []
-    old = scene.evaluate
-    scene.evaluate = lambda u, e, order=2: (tried.append(u[0, 0]), old(u, e, order))[1]
-    found = newton(scene, np.array([0.2]), 0.0, rtol=1e-12)
-    assert found.converged
-    assert found.x[0] == pytest.approx(1.0, abs=1e-12)
-    assert max(tried) < 2  # the plain first step ends at 8.5
-
-
-def test_bad_input_is_refused_in_words():
-    scene = truss()
-    with pytest.raises(ValueError, match=r"shape \(2,\); expected \(1,\)"):
-        newton(scene, np.zeros(2), 0.0, rtol=1e-9)
-    with pytest.raises(ValueError, match="rtol = 0"):
-        newton(scene, np.zeros(1), 0.0, rtol=0)
-    with pytest.raises(ValueError, match="needs an energy"):
-        descend(carousel(), np.array([1.0, 0.0]), 0.0, rtol=1e-9)
-    with pytest.raises(ValueError, match="max_steps = 0"):
-        trace(scene, rest(scene), TRUSS_ARC, max_steps=0)
-
-
-# -- bordered systems -------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize("symmetric", [True, False])
-@pytest.mark.parametrize("smallest", [1.0, 1e-9, 1e-14])
-def test_bordering_is_accurate_for_singular_stiffness(symmetric, smallest):
-    rng = np.random.default_rng(1)
-    n = 30
-    Q, _ = np.linalg.qr(rng.standard_normal((n, n)))
-    P = Q if symmetric else np.linalg.qr(rng.standard_normal((n, n)))[0]
-    K = Q @ np.diag(np.append(np.linspace(1, 3, n - 1), smallest)) @ P.T
-    c, row, b = (rng.standard_normal(k) for k in (n, n + 1, n + 1))
-    upper = np.triu(np.ones((n, n), bool)) if symmetric else np.ones((n, n), bool)
-    i, j = np.nonzero(upper)
-    indptr = np.concatenate([[0], np.cumsum(upper.sum(axis=1))])
-    factor = make_solver(indptr, j, symmetric=symmetric, method="superlu").factorise(K[i, j])
-    z = Bordered(factor, c, row).solve(b)
-    full = np.block([[K, c[:, None]], [row[None, :]]])
-    assert np.abs(full @ z - b).max() < 1e-11 * np.abs(z).max()
-    assert np.abs(z - np.linalg.solve(full, b)).max() < 1e-9 * np.abs(z).max()
 
 
 # -- arc length -------------------------------------------------------------------------------
@@ -198,8 +64,18 @@ def test_truss_limit_points_and_the_whole_curve():
         assert p.unstable == (1 if -up.x[0] < -p.x[0] < -down.x[0] else 0)
     drop = [-p.x[0] for p in path.points]
     assert np.all(np.diff(drop) > 0)  # no doubling back
-    assert len(path.points) < 40
-    assert path.iterations < 120
+    assert len(path.points) < 24
+    assert path.iterations < 80
+
+
+@pytest.mark.parametrize("size", [0.5, 2, 4, 8])
+def test_large_arcs_keep_to_the_path(size):
+    scene = truss()
+    arc = ArcLength(1e-10, a=0.05 * size, b=5e-5 * size)
+    path = trace(scene, rest(scene), arc, until=load(4e-4), max_steps=100)
+    assert path.reached
+    assert kinds(path) == ["fold", "fold"]
+    assert np.all(np.diff([p.x[0] for p in path.points]) < 0)
 
 
 def test_snap_back_behind_a_soft_spring():
@@ -213,6 +89,7 @@ def test_snap_back_behind_a_soft_spring():
     turns = np.flatnonzero(np.diff(np.sign(np.diff(end)))) + 1
     assert path.reached
     assert [ev.e for ev in path.events] == pytest.approx(list(end[turns]), rel=1e-8)
+    assert len(path.points) < 36
     assert min(path.loads) < -0.2  # driven back beyond where it began
 
 
@@ -221,6 +98,35 @@ def test_a_stiff_spring_makes_the_path_one_to_one():
     path = trace(scene, rest(scene), LoadSteps(1e-10, 0.02), until=load(0.25), max_steps=100)
     assert path.reached
     assert path.events == ()
+
+
+def test_the_semi_axes_keep_their_ratio_where_nothing_moves():
+    scene = function_scene(
+        1, lambda q, e: q[0] ** 2 / 2, lambda q, e: q, lambda q, e: np.ones((1, 1))
+    )
+    path = trace(scene, rest(scene), ArcLength(1e-10, a=0.1, b=0.1), until=load(5), max_steps=99)
+    assert path.reached
+    for p in path.points:
+        assert p.control[0] >= 0.0999 * p.control[1]
+
+
+def test_folds_of_an_unsymmetric_scene_are_located_without_counts():
+    # R = (q₁ − q₀, q₀³ − q₀ − e): e = q₀³ − q₀ turns at q₀ = ∓ 1/√3
+    scene = function_scene(
+        2,
+        None,
+        lambda q, e: np.array([q[1] - q[0], q[0] ** 3 - q[0] - e]),
+        lambda q, e: np.array([[-1.0, 1.0], [3 * q[0] ** 2 - 1, 0.0]]),
+        symmetric=False,
+    )
+    start = np.array([-1.0, -1.0])
+    path = trace(scene, start, ArcLength(1e-10, a=0.1, b=0.1), until=load(1.0), max_steps=99)
+    assert path.reached
+    assert kinds(path) == ["fold", "fold"]
+    turn = 2 / (3 * np.sqrt(3))
+    assert [ev.e for ev in path.events] == pytest.approx([turn, -turn], rel=1e-8)
+    assert {p.unstable for p in path.points} == {None}
+    assert path.last.x == pytest.approx([1.3247179572] * 2, abs=1e-9)
 
 
 def test_a_closed_path_without_energy_is_walked_round_once():
@@ -306,6 +212,31 @@ def test_load_steps_stop_before_a_limit_point_and_say_so():
     assert path.iterations < 250
 
 
+def test_choices_that_make_no_sense_are_refused():
+    for make in (
+        lambda: LoadSteps(1e-9, -0.1),
+        lambda: LoadSteps(1e-9, 0.1, cut=1),
+        lambda: LoadSteps(1e-9, 0.1, order=6),
+        lambda: ArcLength(1e-9, a=0, b=1),
+        lambda: ArcLength(1e-9, a=1, b=1, order=0),
+    ):
+        with pytest.raises(ValueError, match="expected"):
+            make()
+
+
+def test_a_jump_between_paths_is_seen_and_nothing_is_located_in_it():
+    scene = truss()
+    blind = LoadSteps(1e-10, 4e-5, jump=np.inf)
+    path = trace(scene, rest(scene), blind, until=load(4e-4), max_steps=100)
+    assert path.reached  # it snapped through within a step and took it for a path
+    before, after = next(
+        (p, q) for p, q in zip(path.points, path.points[1:], strict=False) if q.e > LIMIT
+    )
+    assert -before.x[0] < 0.05
+    assert -after.x[0] > 0.2
+    assert between(scene, before, after, 0.5, rtol=1e-10) is None
+
+
 def test_growth_of_the_step_and_algorithm_3():
     scene = truss()
     options = dict(until=load(1.6e-4), max_steps=60)
@@ -317,6 +248,10 @@ def test_growth_of_the_step_and_algorithm_3():
     assert np.diff(abrupt.loads)[1] == pytest.approx(2e-5)
     larger = trace(scene, rest(scene), LoadSteps(1e-10, 1e-6, largest=10), **options)
     assert max(np.diff(larger.loads)) == pytest.approx(1e-5)
+    last = trace(
+        scene, rest(scene), LoadSteps(1e-10, 2e-5, first=1), until=load(1.01e-4), max_steps=9
+    )
+    assert np.diff(last.loads) == pytest.approx([2e-5] * 4 + [1.05e-5] * 2)  # no sliver at the end
     for path in (gentle, abrupt, larger):
         assert path.reached
         assert path.last.e == 1.6e-4
@@ -336,162 +271,25 @@ def test_a_start_without_equilibrium_is_an_outcome(stepper):
         _ = path.last
 
 
+def test_a_start_far_from_equilibrium_goes_down_the_energy():
+    scene = truss()
+    path = trace(
+        scene, np.array([-0.12]), LoadSteps(1e-10, 1e-4), e=3e-4, max_steps=9, until=load(4e-4)
+    )
+    assert path.reached
+    assert path.points[0].unstable == 0
+    assert truss_load(-path.points[0].x[0]) == pytest.approx(3e-4, abs=1e-13)
+
+
 def test_steps_and_bounds_run_out():
     scene = truss()
+    with pytest.raises(ValueError, match="max_steps = 0"):
+        trace(scene, rest(scene), TRUSS_ARC, max_steps=0)
     few = trace(scene, rest(scene), TRUSS_ARC, until=load(1.0), max_steps=3)
     assert (few.outcome, len(few.points)) == (Outcome.MAX_STEPS, 4)
     bound = trace(scene, rest(scene), TRUSS_ARC, until=load(1), max_steps=99, bounds=(-1e-4, 1))
     assert bound.outcome is Outcome.OUT_OF_BOUNDS
     assert all(p.e >= -1e-4 for p in bound.points)
-
-
-# -- branch points ----------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize("stepper", [LoadSteps(1e-11, 0.15), ArcLength(1e-11, a=0.05, b=0.15)])
-def test_pitchfork_located_counted_and_switched(stepper):
-    scene = column(1.0)  # P_cr = k/L = 1; beyond it P = θ / sin θ
-    path = trace(scene, rest(scene), stepper, until=load(1.4), max_steps=50)
-    assert path.reached
-    assert kinds(path) == ["branch"]
-    event = path.events[0]
-    assert event.e == pytest.approx(1.0, abs=1e-9)
-    assert event.unstable == (0, 1)
-    assert event.sees_load < 1e-9
-    assert abs(event.vector) == pytest.approx([1, 0], abs=1e-9)
-    for p in path.points:
-        assert p.unstable == (0 if p.e < 1 else 1)
-    for side in (1, -1):
-        on = switch(scene, event, path.last, rtol=1e-11, side=side)
-        assert on.x[0] / np.sin(on.x[0]) == pytest.approx(on.e, abs=1e-10)
-        assert on.unstable == 0
-        branch = trace(scene, on, ArcLength(1e-11, a=0.1, b=0.1), until=load(1.4), max_steps=50)
-        assert branch.reached
-        assert np.sign(branch.last.x[0]) == side * np.sign(event.vector[0])
-        for p in branch.points:
-            assert p.x[0] / np.sin(p.x[0]) == pytest.approx(p.e, abs=1e-10)
-            assert p.unstable == 0
-    with pytest.raises(ValueError, match="no second path"):
-        switch(scene, replace(event, kind="fold"), path.last, rtol=1e-9)
-
-
-@pytest.mark.parametrize("gap", [1e-2, 1e-3])
-def test_two_branch_points_within_one_step(gap):
-    scene = column(1.0, 1.0 + gap)
-    path = trace(scene, rest(scene), LoadSteps(1e-11, 0.3), until=load(1.4), max_steps=50)
-    assert [(ev.kind, ev.unstable) for ev in path.events] == [
-        ("branch", (0, 1)),
-        ("branch", (1, 2)),
-    ]
-    assert [ev.e for ev in path.events] == pytest.approx([1, 1 + gap], abs=1e-8)
-    first, second = (abs(ev.vector) for ev in path.events)
-    assert first == pytest.approx([1, 0, 0], abs=1e-6)
-    assert second == pytest.approx([0, 1, 0], abs=1e-6)
-
-
-def test_events_can_be_left_out():
-    scene = column(1.0)
-    path = trace(
-        scene, rest(scene), LoadSteps(1e-11, 0.3), until=load(1.4), max_steps=50, events=False
-    )  # fmt: skip
-    assert path.events == ()
-    assert path.last.unstable == 1
-
-
-def test_counts_are_on_the_states_the_rows_allow():
-    # A bar free in space: six rows take out the rigid motions, which would count as neutral.
-    mesh = skfem.MeshHex.init_tensor(
-        *(np.linspace(0, a, n) for a, n in ((1, 5), (0.2, 3), (0.1, 2)))
-    )
-    body = Body.build(mesh, "hex8")
-    rows = [make(body, axis) for make in (translation_row, rotation_row) for axis in range(3)]
-    scene = Scene(body, [Elastic(body, NeoHookean(1.0, 0.3))], rows=rows)
-    found = newton(scene, rest(scene), 0.0, rtol=1e-12)
-    assert found.converged
-    assert found.system.unstable == 0
-    value, mode = critical_mode(scene, found.system.factorise(), sweeps=50)
-    u = scene.step_displacement(mode)
-    assert value > 0
-    for row in rows:
-        assert abs((row.coefficients * u).sum()) < 1e-10
-
-
-# -- stable paths -----------------------------------------------------------------------------
-
-
-def test_a_stable_path_snaps_through_to_the_lower_branch():
-    scene = truss()
-    path = trace(
-        scene, rest(scene), StablePath(LoadSteps(1e-10, 4e-5)), until=load(4e-4), max_steps=60
-    )  # fmt: skip
-    assert path.reached
-    assert kinds(path) == ["fold", "snap"]
-    fold, snap = path.events
-    assert fold.e == pytest.approx(LIMIT, rel=1e-8)
-    assert LIMIT < snap.e < 1.01 * LIMIT
-    assert snap.energy_drop > 0
-    # From 0.0424 to where the far branch carries the limit load
-    assert 2 * snap.size == pytest.approx(0.1731, abs=2e-4)
-    assert all(p.unstable == 0 for p in path.points)
-    for p in path.points:
-        assert truss_load(-p.x[0]) == pytest.approx(p.e, abs=1e-13)
-        assert (-p.x[0] < 0.0424) == (p.e < LIMIT)
-
-
-@pytest.mark.parametrize("side", [1, -1])
-@pytest.mark.parametrize(("cubic", "size"), [(0.0, 0.095), (-0.5, 0.826)])
-def test_a_stable_path_bifurcates_to_the_side_asked_for(cubic, size, side):
-    # Supercritical: a small move off the straight column; subcritical: a jump
-    scene = column(1.0, cubic=cubic, quintic=-cubic)
-    stepper = StablePath(LoadSteps(1e-11, 0.15), side=side)
-    path = trace(scene, rest(scene), stepper, until=load(1.4), max_steps=60)
-    assert path.reached
-    assert kinds(path) == ["branch", "bifurcation"]
-    assert path.events[0].e == pytest.approx(1.0, abs=1e-9)
-    assert path.events[1].size == pytest.approx(size, abs=1e-3)
-    assert path.events[1].energy_drop > 0
-    assert all(p.unstable == 0 for p in path.points)
-    t = path.last.x[0]
-    assert (t + cubic * t**3 - cubic * t**5) / np.sin(t) == pytest.approx(1.4, abs=1e-9)
-    assert np.sign(t) == side * np.sign(path.events[0].vector[0])
-
-
-def test_a_stable_path_that_falls_for_ever_ends_in_words():
-    scene = column(1.0, cubic=-0.5)  # no valley beyond the branch point
-    path = trace(
-        scene, rest(scene), StablePath(LoadSteps(1e-10, 0.15)), until=load(1.4), max_steps=60
-    )  # fmt: skip
-    assert path.outcome in (Outcome.NO_STABLE_STATE, Outcome.NO_PROGRESS)
-    assert 0.8 < path.last.e < 1
-
-
-def test_seeded_noise_leaves_unstable_states_and_can_be_repeated():
-    scene = column(1.0)
-
-    def run(seed, amplitude=1e-2):
-        steps = LoadSteps(1e-11, 0.1, noise=Noise(amplitude, seed))
-        return trace(scene, rest(scene), steps, until=load(1.4), max_steps=60)
-
-    first, again = run(3), run(3)
-    assert first.reached
-    assert all(np.array_equal(p.x, q.x) for p, q in zip(first.points, again.points, strict=True))
-    t = first.last.x[0]
-    assert abs(t) / np.sin(abs(t)) == pytest.approx(1.4, abs=1e-9)
-    assert first.last.unstable == 0
-    assert {np.sign(run(seed).last.x[0]) for seed in range(8)} == {-1.0, 1.0}
-
-
-def test_noise_may_draw_the_scene_too():
-    scene = column(1.0)
-
-    def weaker(scene, rng):
-        return column(1.0 + 0.1 * rng.standard_normal())
-
-    steps = LoadSteps(1e-11, 0.1, noise=Noise(1e-3, 5, scene=weaker))
-    path = trace(scene, rest(scene), steps, until=load(1.4), max_steps=60)
-    k = 1.0 + 0.1 * np.random.default_rng([5, path.points[-2].index]).standard_normal()
-    t = abs(path.last.x[0])
-    assert k * t / np.sin(t) == pytest.approx(1.4, abs=1e-9)
 
 
 # -- a strip that folds itself ----------------------------------------------------------------
