@@ -43,16 +43,35 @@ class Factor:
         return self._solve(b, transposed)
 
 
+class ScaledFactor(Factor):
+    """Factor of A, made of the factor of D A D with a positive diagonal D (same inertia)."""
+
+    def __init__(self, inner: Factor, scale: np.ndarray):
+        def solve(b, transposed):
+            d = scale if b.ndim == 1 else scale[:, None]
+            return d * inner.solve(d * b, transposed=transposed)
+
+        super().__init__(solve, inner.negative, lambda: inner.alive)
+
+
 def make_solver(
-    indptr, indices, *, symmetric: bool, method: str = "auto", modes: np.ndarray | None = None
+    indptr,
+    indices,
+    *,
+    symmetric: bool,
+    method: str = "auto",
+    bordered: bool = False,
+    modes: np.ndarray | None = None,
 ):
     """A solver for one sparsity pattern.
 
     ``indptr``, ``indices``: CSR with sorted indices; for a symmetric matrix its upper triangle,
     each diagonal entry present. ``method``: ``pardiso``, ``superlu``, ``auto`` (the first that is
     installed), or ``cg`` (needs a symmetric matrix, and ``modes`` (n, 6): the rigid motions in its
-    unknowns). Raises ValueError for an unknown method or one that does not suit the matrix,
-    ImportError if PARDISO was asked for and MKL is missing.
+    unknowns). ``bordered``: the matrix has constraint rows with a zero diagonal.
+
+    Raises ValueError for an unknown method or one that does not suit the matrix, ImportError if
+    PARDISO was asked for and MKL is missing.
     """
     if method not in ("auto", "pardiso", "superlu", "cg"):
         raise ValueError(f"method {method!r}; expected auto, pardiso, superlu or cg")
@@ -62,7 +81,7 @@ def make_solver(
         return ConjugateGradients(indptr, indices, modes)
     if method == "superlu" or (method == "auto" and _mkl_pardiso() is None):
         return SuperLU(indptr, indices, symmetric=symmetric)
-    return Pardiso(indptr, indices, symmetric=symmetric)
+    return Pardiso(indptr, indices, symmetric=symmetric, bordered=bordered)
 
 
 @lru_cache(maxsize=1)
@@ -78,7 +97,7 @@ def _mkl_pardiso():
 class Pardiso:
     """One PARDISO handle for one pattern; its memory is freed with the object."""
 
-    def __init__(self, indptr, indices, *, symmetric: bool):
+    def __init__(self, indptr, indices, *, symmetric: bool, bordered: bool = False):
         self._call = _mkl_pardiso()
         if self._call is None:
             raise ImportError("PARDISO needs MKL: install pypardiso, or use method='superlu'")
@@ -92,8 +111,8 @@ class Pardiso:
         self.iparm[1] = 2  # nested dissection (METIS)
         self.iparm[7] = 2  # refinement steps at most
         self.iparm[9] = 8 if symmetric else 13  # perturb pivots below 10^-this
-        self.iparm[10] = 0 if symmetric else 1  # scaling: needs values at analysis if symmetric
-        self.iparm[12] = 0 if symmetric else 1
+        # Scaling and matching keep a constraint row from being eliminated at its zero diagonal.
+        self.iparm[10] = self.iparm[12] = 1 if bordered or not symmetric else 0
         self.iparm[20] = 1  # Bunch–Kaufman pivots, 1 × 1 and 2 × 2
         self._analysed = False
         self._values = np.zeros(0)

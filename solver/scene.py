@@ -19,7 +19,7 @@ from typing import Protocol
 import numpy as np
 
 from solver.body import Body, NodeGraph
-from solver.linear import Factor, make_solver
+from solver.linear import Factor, ScaledFactor, make_solver
 
 Value = float | np.ndarray | Callable[[float], float | np.ndarray]
 
@@ -124,7 +124,7 @@ class System:
     def factorise(self) -> Factor:
         """The factorised tangent; raises :class:`solver.linear.SingularMatrix`."""
         if self._factor is None or not self._factor.alive:
-            self._factor = self._scene.solver.factorise(self.values)
+            self._factor = self._scene.factorised(self.values)
         return self._factor
 
     @property
@@ -175,8 +175,10 @@ class Scene:
             self._indices,
             symmetric=self.symmetric,
             method=linear,
+            bordered=bool(self.rows),
             modes=self._rigid_modes() if linear == "cg" else None,
         )
+        self._row_scale: np.ndarray | None = None
         self.scales = scales or Scales(body.length, *self._natural_scales())
 
     # -- what is held ----------------------------------------------------------------------------
@@ -354,6 +356,19 @@ class Scene:
             targets = [r.value(e) if callable(r.value) else r.value for r in self.rows]
             R[self.n_free :] = self._C @ self._to_local(u).ravel() - targets
         return R
+
+    def factorised(self, values: np.ndarray) -> Factor:
+        """The factor of a matrix on this scene's pattern."""
+        if not self.n_rows:
+            return self.solver.factorise(values)
+        # Rows of size 1 beside a stiffness of 1e7 leave pivots that PARDISO takes for zero.
+        if self._row_scale is None:
+            typical = np.median(np.abs(values[self.diagonal]))
+            self._row_scale = np.ones(self.size)
+            self._row_scale[self.n_free :] = typical / np.abs(self._C).max(axis=1)
+            a = np.repeat(np.arange(self.size), np.diff(self._indptr))
+            self._entry_scale = self._row_scale[a] * self._row_scale[self._indices]
+        return ScaledFactor(self.solver.factorise(values * self._entry_scale), self._row_scale)
 
     # -- sparsity --------------------------------------------------------------------------------
 

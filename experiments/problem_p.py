@@ -1,0 +1,115 @@
+"""Which element gives Problem P's fold angle at what cost, and how badly do linear tets lock?
+
+Uniaxial contraction needs one element across the quarter's width. Isotropic contraction lets the
+hinge curl about the other axis, which takes several, with three points along every axis.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import sys
+import time
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from experiments.common import main, save_figure
+from foldlab.plots import STYLE
+from solver.cases import problem_p
+from solver.continuation import LoadSteps, Path, trace
+
+
+@dataclass(frozen=True)
+class Config:
+    seed: int = 0
+    levels: tuple[int, ...] = (0, 1, 2, 3)
+    elements: tuple[str, ...] = ("hex27", "hex20", "hex8", "tet10", "tet4")
+    growths: tuple[str, ...] = ("uniaxial", "isotropic")
+    isotropic_levels: tuple[int, ...] = (0, 1)
+    across: int = 4
+    g: float = -0.3
+    steps: int = 12
+
+
+TINY = Config(levels=(0,), elements=("hex20", "tet4"), growths=("uniaxial",), steps=6)
+
+
+def follow_to(scene, steps: int = 8, rtol: float = 1e-7) -> Path:
+    """The path from flat to e = 1 by load steps with the predictor of third order."""
+    stepper = LoadSteps(rtol=rtol, step=1 / steps)
+    return trace(scene, np.zeros(scene.size), stepper, max_steps=50 * steps, events=False)
+
+
+def run(config: Config, tracker) -> dict[str, Any]:
+    rows, curves = [], []
+    for growth in config.growths:
+        for element in config.elements:
+            uniaxial = growth == "uniaxial"
+            for level in config.levels if uniaxial else config.isotropic_levels:
+                start = time.perf_counter()
+                sizes = problem_p.LEVELS[level]
+                if not uniaxial:
+                    sizes = dataclasses.replace(sizes, across=config.across)
+                body = problem_p.mesh(sizes, element, bent=uniaxial)
+                scene = problem_p.scene(body, config.g, growth=growth)
+                path = follow_to(scene, config.steps if uniaxial else 3 * config.steps)
+                seconds = time.perf_counter() - start
+                angles = [problem_p.fold_angle(scene, p.x, p.e) for p in path.points]
+                row = {
+                    "growth": growth,
+                    "element": element,
+                    "level": level,
+                    "unknowns": scene.size,
+                    "angle": angles[-1] if path.reached else None,
+                    "error": abs(angles[-1] / problem_p.ANGLE - 1)
+                    if path.reached and growth == "uniaxial" and config.g == -0.3
+                    else None,
+                    "iterations": path.iterations,
+                    "unstable": path.last.unstable,
+                    "seconds": seconds,
+                    "outcome": path.outcome.value,
+                }
+                print(row, file=sys.stderr)
+                rows.append(row)
+                curves += [
+                    {"growth": growth, "element": element, "level": level, "g": config.g * p.e,
+                     "angle": angle, "unstable": p.unstable}
+                    for p, angle in zip(path.points, angles, strict=True)
+                ]  # fmt: skip
+    curves = pd.DataFrame(curves)
+    tracker.table("elements", pd.DataFrame(rows))
+    tracker.table("curves", curves)
+    finest = curves.groupby("growth")["level"].transform("max")
+    figure = plot_angles(curves[curves["level"] == finest])
+    save_figure(figure, "problem_p")
+    tracker.figure("problem_p", figure)
+    return {"table": rows, "curves": curves.to_dict("records")}
+
+
+def plot_angles(curves: pd.DataFrame):
+    """Fold angle over contraction for each element on its finest mesh."""
+    import matplotlib as mpl
+    from matplotlib.figure import Figure
+
+    with mpl.rc_context(STYLE):
+        growths = list(curves["growth"].unique())
+        figure = Figure(figsize=(3.4 * len(growths), 3.0), layout="constrained")
+        for ax, growth in zip(figure.subplots(1, len(growths), squeeze=False)[0], growths,
+                              strict=True):  # fmt: skip
+            part = curves[curves["growth"] == growth]
+            for element, curve in part.groupby("element", sort=False):
+                ax.plot(-curve["g"], curve["angle"], "o-", ms=2.5, lw=1, label=element)
+            if growth == "uniaxial":
+                reference = [1.2393, 2.4913, 3.772]
+                ax.plot([0.1, 0.2, 0.3], reference, "k*", ms=7, label="converged", zorder=5)
+            ax.set_xlabel("contraction |g|")
+            ax.set_ylabel("fold angle, rad")
+            ax.set_title(growth)
+            ax.legend(fontsize=7)
+    return figure
+
+
+if __name__ == "__main__":
+    main(__doc__, run, Config, TINY)
