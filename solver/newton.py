@@ -124,14 +124,16 @@ def newton(
             return NewtonResult(x, e, Outcome.STAGNATED, k, correction, ratio, system)
         share = scene.longest_step(x, dx, e)
         step = None
-        if system.energy is not None and (unstable or 0) == 0:
-            definite = system.unstable == 0
-            if not definite and unstable == 0:
+        # Without a count the slope alone says whether the step goes downhill.
+        count = system.unstable
+        guided = count in (0, None) if unstable is None else unstable == 0
+        if system.energy is not None and guided:
+            if count != 0:
                 step = damped(residual, solve, x, dx, norm, share, trials=1)
                 step = step if isinstance(step, Step) else None
-            if step is None and (definite or unstable == 0):
+            if step is None:
                 step = downhill(scene, system, x, e, dx, share)
-            if step is None and unstable == 0 and not definite:
+            if step is None and unstable == 0 and count != 0:
                 step = downhill(scene, system, x, e, -dx, share)
         if step is None:
             step = damped(residual, solve, x, dx, norm, share)

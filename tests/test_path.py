@@ -29,7 +29,7 @@ from solver.continuation import (
 )
 from solver.growth import Orthotropic
 from solver.materials import NeoHookean
-from solver.scene import Fixed, Scene, translation_row
+from solver.scene import Fixed, Scene, System, translation_row
 from solver.terms import Elastic
 
 # references.md §6: von Mises truss, engineering strain, P/2EA at H/a = 0.1
@@ -335,3 +335,11 @@ def test_a_thin_strip_curls_in_few_iterations_whatever_the_stepper():
     normal = across[-1] - across[0]
     angle = np.arctan2(-normal[1], normal[2]) % (2 * np.pi)
     assert angle == pytest.approx(1.5 * 0.1 / 0.02 * 0.5, rel=0.05)
+
+
+def test_the_energy_guides_where_unstable_modes_cannot_be_counted(monkeypatch):
+    scene = strip()
+    monkeypatch.setattr(System, "unstable", None)
+    path = trace(scene, rest(scene), LoadSteps(1e-9, 1 / 6), max_steps=50)
+    assert path.reached
+    assert path.iterations <= 80
