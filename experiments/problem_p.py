@@ -15,10 +15,11 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from experiments.common import main, save_figure
+from experiments.common import OUT, main, save_figure
 from foldlab.plots import STYLE
 from solver.cases import problem_p
 from solver.continuation import LoadSteps, Path, trace
+from solver.output import Series, cell_fields
 
 
 @dataclass(frozen=True)
@@ -29,11 +30,14 @@ class Config:
     growths: tuple[str, ...] = ("uniaxial", "isotropic")
     isotropic_levels: tuple[int, ...] = (0, 1)
     across: int = 4
+    series_level: int = 1
     g: float = -0.3
     steps: int = 12
 
 
-TINY = Config(levels=(0,), elements=("hex20", "tet4"), growths=("uniaxial",), steps=6)
+TINY = Config(
+    levels=(0,), elements=("hex20", "tet4"), growths=("uniaxial",), steps=6, series_level=0
+)
 
 
 def follow_to(scene, steps: int = 8, rtol: float = 1e-7) -> Path:
@@ -85,7 +89,45 @@ def run(config: Config, tracker) -> dict[str, Any]:
     figure = plot_angles(curves[curves["level"] == finest])
     save_figure(figure, "problem_p")
     tracker.figure("problem_p", figure)
-    return {"table": rows, "curves": curves.to_dict("records")}
+    series = write_series(config.series_level, config.g)
+    picture(series, OUT / "problem_p_shapes.png")
+    return {"table": rows, "curves": curves.to_dict("records"), "series": str(series)}
+
+
+def write_series(level: int, g: float):
+    """The whole unit as ``out/problem_p/unit.pvd`` (ParaView, PyVista), and its path and scene."""
+    scene = problem_p.scene(problem_p.mesh(level, quarter=False), g)
+    path = follow_to(scene)
+    folder = OUT / "problem_p"
+    folder.mkdir(parents=True, exist_ok=True)
+    series = Series(folder / "unit.pvd", scene.body)
+    for point in path.points:
+        u = scene.displacement(point.x, point.e)
+        series.write(point.e, u, cell_data=cell_fields(scene.body, u, scene.terms, point.e))
+    return folder / "unit.pvd"
+
+
+def picture(series, path, times: int = 3) -> None:
+    """Deformed shapes at the start, middle and end of a series, coloured by energy density."""
+    import pyvista
+
+    reader = pyvista.get_reader(str(series))
+    values = reader.time_values
+    plotter = pyvista.Plotter(
+        off_screen=True, window_size=(1200, 420), shape=(1, times), border=False
+    )
+    plotter.set_background("white")
+    for k in range(times):
+        reader.set_active_time_value(min(values, key=lambda v, k=k: abs(v - k / (times - 1))))
+        shape = reader.read()[0].warp_by_vector("displacement")
+        surface = shape.extract_surface(nonlinear_subdivision=4, algorithm="dataset_surface")
+        plotter.subplot(0, k)
+        plotter.add_mesh(surface, scalars="layer", cmap=["#e8c35a", "#3b74b8"],
+                         show_scalar_bar=False, smooth_shading=False)  # fmt: skip
+        plotter.camera_position = [(1.6, -1.3, 0.9), (0, 0, 0.14), (0, 0, 1)]
+        plotter.camera.zoom(1.25)
+    plotter.screenshot(str(path))
+    plotter.close()
 
 
 def plot_angles(curves: pd.DataFrame):
