@@ -111,8 +111,8 @@ class Pardiso:
         self.iparm[1] = 2  # nested dissection (METIS)
         self.iparm[7] = 2  # refinement steps at most
         self.iparm[9] = 8 if symmetric else 13  # perturb pivots below 10^-this
-        # Scaling and matching keep a constraint row from being eliminated at its zero diagonal.
-        self.iparm[10] = self.iparm[12] = 1 if bordered or not symmetric else 0
+        self.iparm[10] = self.iparm[12] = 0 if symmetric else 1
+        self._bordered = bordered
         self.iparm[20] = 1  # Bunch–Kaufman pivots, 1 × 1 and 2 × 2
         self._analysed = False
         self._values = np.zeros(0)
@@ -127,6 +127,13 @@ class Pardiso:
             self._run(11, nothing, nothing, 1)
             self._analysed = True
         self._run(22, nothing, nothing, 1)
+        if self._bordered and self.iparm[13] > 0:
+            # Scaling and matching keep a constraint row from being eliminated at its zero diagonal,
+            # but hold only for values like those of the analysis: it is repeated when they fail.
+            self.iparm[10] = self.iparm[12] = 1
+            self._run(-1, nothing, nothing, 1)
+            self._handle[:] = 0
+            self._run(12, nothing, nothing, 1)
         self._generation += 1
         born = self._generation
         negative = None
