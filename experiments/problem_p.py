@@ -125,7 +125,7 @@ def picture(series, path, times: int = 3) -> None:
         plotter.add_mesh(surface, scalars="layer", cmap=["#e8c35a", "#3b74b8"],
                          show_scalar_bar=False, smooth_shading=False)  # fmt: skip
         plotter.camera_position = [(1.6, -1.3, 0.9), (0, 0, 0.14), (0, 0, 1)]
-        plotter.camera.zoom(1.25)
+        plotter.camera.zoom(1.1)
     plotter.screenshot(str(path))
     plotter.close()
 

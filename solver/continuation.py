@@ -92,7 +92,8 @@ def follow(
     points where the number of unstable modes or the direction of the load changes. ``bounds``:
     loads at which to give up.
 
-    Raises ValueError for a guess of the wrong shape and for max_steps < 1.
+    Raises ValueError for a guess of the wrong shape, for max_steps < 1, and for a body that can be
+    moved rigidly without resistance.
     """
     if max_steps < 1:
         raise ValueError(f"max_steps = {max_steps}; expected at least 1")
@@ -100,6 +101,8 @@ def follow(
     if isinstance(start, Point):
         point = stepper.resume(start, target)
     else:
+        if np.shape(start) == (scene.size,):
+            scene.refuse_free_motion(start, e)
         sign = -1.0 if target is not None and target < e else 1.0
         point = stepper.begin(scene, start, e, sign)
         if isinstance(point, Outcome):

@@ -287,6 +287,41 @@ class Scene:
         local[self._free_index] = dx[: self.n_free]
         return self._to_global(local.reshape(-1, 3))
 
+    def refuse_free_motion(self, x: np.ndarray, e: float) -> None:
+        """Raises ValueError if the body can be moved rigidly without any resistance at (x, e).
+
+        A term with a barrier (``longest_step``) may hold the body later, so such scenes pass, and
+        so do stand-ins for a body, whose nodes are no solid.
+        """
+        if not isinstance(self.body, Body):
+            return
+        u = self.displacement(x, e)
+        stiffness = self.evaluate(u, e, 2).stiffness
+        if stiffness is None or any(hasattr(term, "longest_step") for term in self.terms):
+            return
+        now = (self.body.nodes + u) - self.body.nodes.mean(axis=0)
+        modes = [np.broadcast_to(axis, now.shape) for axis in np.eye(3)]
+        modes += [np.cross(axis, now) / self.body.length for axis in np.eye(3)]
+        M = np.column_stack([self._to_local(m.copy()).ravel() for m in modes])
+        against = np.vstack([M[~self.free], self._C @ M])
+        left = np.eye(6)
+        if len(against):
+            _, sizes, rest = np.linalg.svd(against, full_matrices=True)
+            left = rest[np.sum(sizes > 1e-9 * max(sizes.max(), 1e-300)) :].T
+        if not left.size:
+            return
+        free = np.stack([self._to_global((M @ k).reshape(-1, 3)) for k in left.T])
+        a = np.repeat(np.arange(self.graph.n), np.diff(self.graph.indptr))
+        pull = np.einsum("bij,kbj->kbi", stiffness, free[:, self.graph.indices])
+        work = np.einsum("kbi,lbi->kl", pull, free[:, a])
+        size = np.abs(stiffness[a == self.graph.indices]).max() * (free**2).sum((1, 2)).max()
+        loose = int(np.sum(np.abs(np.linalg.eigvalsh((work + work.T) / 2)) < 1e-10 * size))
+        if loose:
+            raise ValueError(
+                f"{loose} of the body's rigid motions meet no resistance; hold them by Fixed, or "
+                "by translation_row and rotation_row"
+            )
+
     # -- the sum of the terms --------------------------------------------------------------------
 
     def evaluate(self, u: np.ndarray, e: float, order: int = 2) -> Evaluation:

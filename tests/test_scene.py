@@ -285,6 +285,18 @@ def test_planes_at_an_angle_leave_their_common_line(body, rng):
     assert np.abs(point.displacement(rng.normal(size=point.size), 0.0)[3]).max() == 0
 
 
+def test_free_rigid_motion_is_refused_and_counted(body):
+    rows = [translation_row(body, k) for k in range(3)] + [rotation_row(body, k) for k in range(3)]
+    for kept in range(7):
+        scene = Scene(body, [Springs(body)], rows=rows[:kept])
+        x = np.zeros(scene.size)
+        if kept == 6:
+            scene.refuse_free_motion(x, 0.0)
+            continue
+        with pytest.raises(ValueError, match=f"^{6 - kept} of the body's rigid motions"):
+            scene.refuse_free_motion(x, 0.0)
+
+
 def test_the_same_plane_twice_holds_once(body):
     nodes = body.nodes_where(lambda X: X[:, 0] < 1e-9)
     once = Scene(body, [Springs(body)], fixed=[Fixed(nodes, [1, 0, 0])])
