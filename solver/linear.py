@@ -113,8 +113,8 @@ class Pardiso:
         self.iparm[9] = 8 if symmetric else 13  # perturb pivots below 10^-this
         self.iparm[10] = self.iparm[12] = 0 if symmetric else 1
         self._bordered = bordered
-        # Pivots of 1 × 1 are a quarter faster and do for a stiffness; with constraint rows, or where
-        # one of them failed, Bunch–Kaufman's 2 × 2.
+        # Pivots of 1 × 1 are a quarter faster and do for a stiffness; with constraint rows, or
+        # where one of them failed, Bunch–Kaufman's 2 × 2.
         self.iparm[20] = 1 if bordered else 0
         self._analysed = False
         self._values = np.zeros(0)
