@@ -328,7 +328,7 @@ class Scene:
         """Sum of all terms in the nodes' common frame."""
         energy: float | None = 0.0
         force = np.zeros((self.n_nodes, 3)) if order >= 1 else None
-        blocks = np.zeros((self.graph.blocks, 3, 3)) if order >= 2 else None
+        blocks, own = None, False
         for term, where in zip(self.terms, self._where, strict=True):
             part = term.evaluate(u, e, order)
             energy = None if energy is None or part.energy is None else energy + part.energy
@@ -336,11 +336,19 @@ class Scene:
                 return Evaluation(np.inf)
             if order >= 1:
                 force += part.force
-            if order >= 2 and part.stiffness is not None:
-                if where is None:
-                    blocks += part.stiffness
-                else:
-                    blocks[where] += part.stiffness  # each block stands once
+            if order < 2 or part.stiffness is None:
+                continue
+            if blocks is None and where is None:
+                # Most scenes have one stiff term: its array is the sum, but not ours to change.
+                blocks = part.stiffness
+                continue
+            if not own:
+                empty = np.zeros((self.graph.blocks, 3, 3))
+                blocks, own = empty if blocks is None else blocks.copy(), True
+            if where is None:
+                blocks += part.stiffness
+            else:
+                blocks[where] += part.stiffness  # each block stands once
         return Evaluation(energy, force, blocks)
 
     def energy(self, x: np.ndarray, e: float) -> float | None:
