@@ -12,7 +12,7 @@ Continuation sees x, e and R, and never learns what e drives.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Protocol
 
@@ -20,8 +20,12 @@ import numpy as np
 
 from solver.body import Body, NodeGraph
 from solver.linear import Factor, ScaledFactor, make_solver
+from solver.supports import Fixed, Row, is_zero, rotation_row, translation_row
 
-Value = float | np.ndarray | Callable[[float], float | np.ndarray]
+__all__ = [
+    "Evaluation", "Fixed", "Row", "Scales", "Scene", "System", "Term", "rotation_row",
+    "translation_row",
+]  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -52,52 +56,6 @@ class Term(Protocol):
     symmetric: bool
 
     def evaluate(self, u: np.ndarray, e: float, order: int = 2) -> Evaluation: ...
-
-
-@dataclass(frozen=True)
-class Fixed:
-    """Displacement of ``nodes`` along ``direction`` (3,) prescribed as ``value``, maybe of e.
-
-    A mirror plane with normal n is ``Fixed(nodes_on_it, n)``. Directions at one node may be at any
-    angle where all of them are held at 0, and must be orthogonal or repeat each other otherwise.
-    """
-
-    nodes: np.ndarray
-    direction: np.ndarray | Sequence[float]
-    value: Value = 0.0
-
-
-@dataclass(frozen=True)
-class Row:
-    """Linear constraint Σ coefficients · u = value; coefficients (nodes, 3)."""
-
-    coefficients: np.ndarray
-    value: Value = 0.0
-    name: str = "row"
-
-
-def _is_zero(value: Value) -> bool:
-    return not callable(value) and not np.any(value)
-
-
-def translation_row(body: Body, axis: int) -> Row:
-    """No mean displacement along an axis: ∫ u_k dV / V = 0 (Eq. 2.13)."""
-    volume = body.node_volumes()
-    c = np.zeros((len(volume), 3))
-    c[:, axis] = volume / volume.sum()
-    return Row(c, name=f"translation {'xyz'[axis]}")
-
-
-def rotation_row(body: Body, axis: int) -> Row:
-    """No mean rotation about an axis: ∫ (X − X̄) × u dV = 0 (Eq. 2.17), scaled to unit arm."""
-    volume = body.node_volumes()
-    arm = body.nodes - volume @ body.nodes / volume.sum()
-    c = np.zeros_like(arm)
-    i, j = (axis + 1) % 3, (axis + 2) % 3
-    # ((X − X̄) × u)_axis = arm_i u_j − arm_j u_i
-    c[:, j], c[:, i] = volume * arm[:, i], -volume * arm[:, j]
-    c /= volume @ (arm[:, i] ** 2 + arm[:, j] ** 2) / body.length
-    return Row(c, name=f"rotation {'xyz'[axis]}")
 
 
 @dataclass(frozen=True)
@@ -198,7 +156,7 @@ class Scene:
                     continue
                 new = d
                 if any(c > 1e-9 for c in along):
-                    if any(not _is_zero(fixed[i].value) for i in (k, *(i for _, i in known))):
+                    if any(not is_zero(fixed[i].value) for i in (k, *(i for _, i in known))):
                         raise ValueError(
                             f"node {node} is moved along directions at an angle to each other; "
                             "give orthogonal directions, or hold all of them at 0"
