@@ -138,3 +138,13 @@ def test_labels_to_reach_interpolates_the_median():
     assert labels_to_reach(curve, 0.94) == pytest.approx(150)
     assert labels_to_reach(curve, 0.9) == 100
     assert labels_to_reach(curve, 0.99) == np.inf
+
+
+def test_a_full_band_is_sampled_not_searched_for_its_middle():
+    plan = Plan(initial=60, per_cycle=20, cycles=2, epochs=1, candidates=5000)
+    result = run("boundary", plan)
+    known = result.labels.iloc[:60]
+    first = Recorder(0, 1).fit(known[REDUCED.names], known["foldable"].to_numpy(bool))
+    p = first.predict_proba(result.labels.iloc[60:][REDUCED.names])[:, 1]
+    # The nearest to 0.5 of 5000 candidates would all lie within 0.02 of it.
+    assert np.abs(p - 0.5).max() > 0.05

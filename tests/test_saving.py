@@ -261,3 +261,16 @@ def test_strangers_types_and_pickles_are_not_loaded(saved, tmp_path, monkeypatch
     with pytest.raises(InputError, match="cannot read the model"):
         load_model(network)
     assert not (tmp_path / "exploded").exists()
+
+
+def test_a_formula_comes_back_with_its_front_and_its_choice(tmp_path):
+    X, _ = labelled(200, 0)
+    target = timoshenko.normalised_angle(**X[REDUCED.names])
+    model = make_classifier("symbolic", REDUCED, seconds=1.0).fit(X, np.asarray(target))
+    save_model(model, tmp_path / "m")
+    loaded, card = load_model(tmp_path / "m")
+    fresh, _ = labelled(2000, 1)
+    assert np.array_equal(loaded.predict_proba(fresh), model.predict_proba(fresh))
+    assert str(loaded.formula_) == str(model.formula_) == card["state"]["formula"]
+    assert len(loaded.front_) == len(model.front_) and loaded.size_ == model.size_
+    assert card["state"]["chosen"] > 0
