@@ -72,6 +72,8 @@ def test_a_stated_false_positive_rate_is_kept_in_the_model(foldlab, labels):
     line = f"train {labels} --model forest -o m --holdout 0.5 --false-positive-rate 0.15 --json"
     trained = last_json(foldlab(line))
     assert trained["threshold"] != 0.5
+    with open("m/model.json", encoding="utf-8") as card:
+        assert json.load(card)["threshold"] == trained["threshold"]
     scored = last_json(foldlab(f"score m {labels} --json"))
     assert scored["false_positive_rate"] < 0.15
 
