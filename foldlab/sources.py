@@ -3,16 +3,19 @@
 from __future__ import annotations
 
 import inspect
+import resource
 import time
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 
 import numpy as np
 import pandas as pd
 
-from foldlab import timoshenko
-from foldlab.design import REDUCED, DesignSpace
+from foldlab import foldability, timoshenko
+from foldlab.design import FULL, REDUCED, DesignSpace
 from foldlab.errors import InputError
 from foldlab.labels import Label
+from solver.cases import folding_unit, unit_path
 
 
 class TimoshenkoSource:
@@ -86,7 +89,237 @@ def _reason(foldable: bool, values: Mapping[str, float]) -> str:
     )
 
 
-SOURCES = {"timoshenko": TimoshenkoSource}
+@dataclass(frozen=True, eq=False)
+class Run:
+    """One path of one design on one mesh.
+
+    ``history``: per state ``contraction``, m1 … m4, ``hinge``, ``unstable``, and over a ground
+    ``tip`` and ``lowest`` (heights over h_s). ``closed``: whether it ended at a full turn.
+    """
+
+    folding: unit_path.Folding
+    history: list[dict[str, float]]
+    closed: bool
+
+    @property
+    def settled(self) -> bool:
+        """Whether it ended in a stable state that answers the question."""
+        ending = self.folding.ending
+        return ending is unit_path.Ending.REACHED or self.closed
+
+    @property
+    def measures(self) -> dict[str, float]:
+        """Of the last state."""
+        return {k: self.history[-1][k] for k in ("m1", "m2", "m3", "m4", "hinge")}
+
+
+class SolverSource:
+    """Labels from the finite-strain solver, with weight and ground or without.
+
+    ``accuracy``: error of the fold angle that is asked for, relative to the angle or to what counts
+    as folded (|g|π), whichever is larger; meshes are refined until two of them agree so well, at
+    most to the third. ``effects``: "gravity,ground" or "none". ``growth``: "uniaxial" or
+    "isotropic". ``question``: "from_flat", or "exists": is there a folded stable state, approached
+    by uniaxial contraction and then released to isotropic? ``upright``: whether the unit is held
+    against toppling. ``timeout``: seconds per label, after which it is unknown. ``seed``: follow
+    noisy steps (§4.3.3) on the whole unit instead of testing symmetric ones.
+
+    A path ends where the fold has made a full turn: beyond it the panels pass through each other.
+    """
+
+    name = "solver"
+
+    def __init__(
+        self,
+        accuracy: float = 0.02,
+        effects: str = "gravity,ground",
+        growth: str = "uniaxial",
+        question: str = "from_flat",
+        upright: bool = True,
+        timeout: float = 60.0,
+        seed: int | None = None,
+    ):
+        known = {"uniaxial", "isotropic"}
+        if growth not in known:
+            raise InputError(f"growth {growth!r}; expected one of {', '.join(sorted(known))}")
+        if question not in ("from_flat", "exists"):
+            raise InputError(f"question {question!r}; expected 'from_flat' or 'exists'")
+        if question == "exists" and growth != "isotropic":
+            raise InputError("question 'exists' is about isotropic contraction; set growth=isotropic")
+        if effects not in ("none", "gravity,ground"):
+            raise InputError(
+                f"effects {effects!r}; expected 'none' or 'gravity,ground': weight and ground come "
+                "together"
+            )
+        for name, value in (("accuracy", accuracy), ("timeout", timeout)):
+            if not (np.isfinite(value) and value > 0):
+                raise InputError(f"{name} = {value!r}; expected a finite number above 0")
+        self.space = FULL
+        self.accuracy, self.effects, self.growth = float(accuracy), effects, growth
+        self.question, self.upright, self.timeout = question, bool(upright), float(timeout)
+        self.seed = seed
+        parts = ["1", growth, effects.replace(",", "+"), f"{accuracy:g}"]
+        parts += ["exists"] * (question == "exists") + ["falls"] * (not upright)
+        parts += [f"noise{seed}"] * (seed is not None)
+        self.version = "-".join(parts)
+
+    @property
+    def terms(self) -> tuple[str, ...]:
+        """Effects as the solver takes them."""
+        return () if self.effects == "none" else tuple(self.effects.split(","))
+
+    def label(self, design: Mapping[str, float]) -> Label:
+        """Never raises for a design that can be validated; what fails is an unknown label."""
+        groups = self.space.validate(pd.DataFrame([dict(design)]), bounds=False)
+        groups = groups[self.space.names].iloc[0].to_dict()
+        start = time.monotonic()
+        runs: list[Run] = []
+        for level in range(3):
+            left = self.timeout - (time.monotonic() - start)
+            if runs and (left < 4 * runs[-1].folding.seconds or left <= 0):
+                break
+            runs.append(self.run(groups, level, deadline=start + self.timeout))
+            if not runs[-1].settled and runs[-1].folding.ending is unit_path.Ending.TIMEOUT:
+                break
+            if len(runs) > 1 and _error(runs[-2:], groups) <= self.accuracy:
+                break
+        return self._judge(groups, runs, time.monotonic() - start)
+
+    def run(
+        self,
+        design: Mapping[str, float],
+        level: int = 1,
+        *,
+        deadline: float | None = None,
+        on_state: Callable | None = None,
+    ) -> Run:
+        """The path of a design on one mesh. ``on_state``: see :func:`unit_path.fold`.
+
+        Raises :class:`InputError` for a design that is no unit.
+        """
+        try:
+            unit = folding_unit.Unit(**{k: float(v) for k, v in design.items()})
+        except (TypeError, ValueError) as error:
+            raise InputError(f"the design is no folding unit: {error}") from error
+        history: list[dict[str, float]] = []
+
+        def closed(state: unit_path.State) -> bool:
+            m = foldability.measure(state.curves, unit.hinge_length)
+            row = {"contraction": state.e * unit.contraction, **vars(m)}
+            row["unstable"] = state.unstable
+            if state.tip is not None:
+                row["tip"] = state.tip / unit.slenderness
+                row["lowest"] = state.lowest / unit.slenderness
+            history.append(row)
+            return max(abs(m.m1), m.m2) >= 2 * np.pi
+
+        growth = "uniaxial" if self.question == "exists" else self.growth
+        options = {"effects": self.terms, "upright": self.upright, "deadline": deadline}
+        if self.seed is not None:
+            options["mirrors"] = ()
+        model = folding_unit.build(unit, level, growth=growth, **options)
+        noise = None if self.seed is None else (1e-3, self.seed)
+        folding = unit_path.fold(model, stop=closed, noise=noise, on_state=on_state)
+        if self.question == "exists" and folding.ending is unit_path.Ending.REACHED:
+            before = len(history)
+            options["mirrors"] = folding.model.mirrors
+            u = folding.model.scene.displacement(folding.x, 1.0)
+            model = folding_unit.build(unit, level, growth="release", at=lambda _: u, **options)
+            folding = unit_path.fold(
+                model, model.scene.unknowns(u), stop=closed, noise=noise, on_state=on_state
+            )
+            for row in history[before:]:
+                row["contraction"] = unit.contraction
+        return Run(folding, history, folding.ending is unit_path.Ending.STOPPED)
+
+    def _judge(self, design, runs: list[Run], seconds: float) -> Label:
+        run, thresholds = runs[-1], foldability.Thresholds()
+        folding = run.folding
+        evidence = {
+            "outcome": folding.ending.name.lower(),
+            "stable": False,
+            "seconds": seconds,
+            "unknowns": folding.model.scene.size,
+            "levels": len(runs),
+            "iterations": sum(r.folding.iterations for r in runs),
+            "steps": len(folding.states),
+            "peak_memory_mb": resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024,
+        }
+        foldable, reason = None, f"unknown: {folding.detail}"
+        if run.history:
+            last = run.history[-1]
+            tags = thresholds.tags(run.measures, design["contraction"])
+            events = self._events(run, design, thresholds)
+            evidence |= {
+                "fold_angle": last["m1"],
+                **run.measures,
+                **tags,
+                "contraction_reached": last["contraction"],
+                "unstable_modes": last["unstable"],
+                "stable": last["unstable"] == 0 and run.settled,
+                "topples": folding.last.topples,
+                "events": events,
+            }
+            if "tip" in last:
+                first = run.history[0]
+                evidence["rest_gap"] = max(first["lowest"], first["tip"])
+                evidence["penetration"] = max(0.0, -min(h["lowest"] for h in run.history))
+        if run.settled:
+            foldable, outcome, reason = foldability.verdict(
+                design, run.history, tags, events, run.closed
+            )
+            evidence["outcome"] = outcome
+        elif not run.history and _crushing(design):
+            foldable, evidence["outcome"] = False, "crushed"
+            reason = (
+                "the hinge is crushed by its own weight, "
+                f"{_crushing(design):.2g} times what its active layer can carry"
+            )
+        if len(runs) > 1:
+            evidence["error_estimate"] = _error(runs[-2:], design)
+            before = runs[-2]
+            if run.settled and before.settled and evidence["error_estimate"] > self.accuracy:
+                same = thresholds.tags(before.measures, design["contraction"]) == tags
+                if not same:
+                    foldable, evidence["outcome"] = None, "unresolved"
+                    reason = "unknown: the verdict still changes with the mesh"
+        return Label(design, foldable, reason, evidence, self.name, self.version)
+
+    def _events(self, run: Run, design, thresholds) -> list[dict]:
+        found = foldability.find_events(run.history, design["contraction"], thresholds)
+        for h in run.folding.happenings:
+            found.append({"kind": h.kind, "contraction": float(h.e) * design["contraction"]})
+            if h.size:
+                found[-1]["size"] = float(h.size)
+        return sorted(found, key=lambda event: event["contraction"])
+
+
+def _error(pair: list[Run], design: Mapping[str, float]) -> float | None:
+    """Error of the fold angle on the finer of two meshes, over the larger of angle and |g|π."""
+    coarse, fine = pair
+    if not (coarse.settled and fine.settled):
+        return np.inf if fine.settled else None
+    if coarse.closed and fine.closed:
+        # Both end at the same angle: what differs is the contraction that it takes.
+        at = [r.history[-1]["contraction"] / r.history[-1]["m1"] for r in pair]
+        return SHARE * abs(at[1] - at[0]) / max(abs(at[1]), 1e-300)
+    angles = [r.history[-1]["m1"] for r in pair]
+    scale = max(abs(angles[1]), np.pi * design["contraction"])
+    return SHARE * abs(angles[1] - angles[0]) / scale
+
+
+# The finer of two meshes is nearer to the truth than they are to each other.
+SHARE = 0.5
+
+
+def _crushing(design: Mapping[str, float]) -> float:
+    """Weight of the active layer over its modulus, if it is enough to crush it; else 0."""
+    weight = design["slenderness"] ** 2 / design["stiffness_to_weight"]
+    load = weight * design["rho_ratio"] * design["h_ratio"] * design["slenderness"]
+    return load / design["E_ratio"] if load > 0.2 * design["E_ratio"] else 0.0
+
+
+SOURCES = {"timoshenko": TimoshenkoSource, "solver": SolverSource}
 
 
 def make_source(name: str, **options):

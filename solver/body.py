@@ -275,6 +275,31 @@ class Body:
         mask[np.asarray(names[layer])] = True
         return mask
 
+    def interpolation(self, points: np.ndarray) -> sp.csr_array:
+        """Matrix (p, n) that takes values at the nodes to reference positions ``points`` (p, 3).
+
+        Raises ValueError for a position outside of the body.
+        """
+        points = np.asarray(points, dtype=float)
+        low, high = (f(self.mesh.p[:, self.mesh.t], axis=1).T for f in (np.min, np.max))
+        size = high - low
+        if not np.allclose(self.weights.sum(axis=1), size.prod(axis=1), rtol=1e-9):
+            return sp.csr_array(self.basis.probes(points.T))
+        # Boxes: scikit-fem's search loses points in cells a thousand times longer than thick.
+        slack = 1e-9 * size.max(axis=0)
+        cell = np.empty(len(points), int)
+        for k, X in enumerate(points):
+            inside = ((low - slack <= X) & (X <= high + slack)).all(axis=1)
+            if not inside.any():
+                raise ValueError(f"the point {tuple(X)} is outside of the body")
+            cell[k] = inside.argmax()
+        local = ((points - low[cell]) / size[cell]).T
+        element = ELEMENTS[self.element][0]()
+        values = np.stack([element.lbasis(local, a)[0] for a in range(self.cells.shape[1])], 1)
+        rows = np.repeat(np.arange(len(points)), values.shape[1])
+        shape = (len(points), len(self.nodes))
+        return sp.csr_array((values.ravel(), (rows, self.cells[cell].ravel())), shape=shape)
+
     def _named(self, boundary: str) -> np.ndarray:
         names = self.mesh.boundaries or {}
         if boundary not in names:

@@ -1,17 +1,24 @@
 """Down the energy at one load, to the next stable equilibrium.
 
-Damped Newton: where the tangent has unstable modes, a multiple of the identity is added until it
-has none (Levenberg); the step goes downhill, and a line search makes the energy fall. Also the
+Damped Newton first: where the tangent has unstable modes, a multiple of the identity is added until
+it has none (Levenberg); the step goes downhill, and a line search makes the energy fall. That is
+quick nearby. Far away a straight step of a thin body stretches it, and the line search leaves next
+to nothing of it; then the body flows: x' = −∇E in implicit steps (backward Euler), each a minimum
+of E + s/2 |x − xₙ|² found by Newton from an extrapolation, as a load step would be. Also the
 critical mode: the eigenvector whose eigenvalue is nearest to zero.
 """
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from solver.linear import Factor, SingularMatrix
-from solver.newton import NewtonResult, Outcome, Step, checked, chords, downhill, largest
+from solver.newton import NewtonResult, Outcome, Step, checked, chords, downhill, largest, newton
 from solver.scene import Scene, System
+
+_DIRECT = 25  # factorisations before the body flows
 
 
 def critical_mode(
@@ -49,7 +56,7 @@ def descend(
     e: float,
     *,
     rtol: float,
-    max_iterations: int = 300,
+    max_iterations: int = 600,
     reach: float = 0.1,
 ) -> NewtonResult:
     """Stable equilibrium down the energy from ``x`` (size,) at the load ``e``.
@@ -78,7 +85,7 @@ def descend(
         return NewtonResult(where, e, outcome, iterations, correction, ratio, system)
 
     here = x
-    while iterations < max_iterations:
+    while iterations < min(max_iterations, _DIRECT):
         system = scene.system(here, e)
         if system is None:
             return result(Outcome.INADMISSIBLE)
@@ -122,7 +129,90 @@ def descend(
             here = step.z
             # A full step says that the shifted model is good: lean on it less.
             shift *= 0.25 if step.share >= 1 else 1.0
-    return result(Outcome.NO_STABLE_STATE)
+    if iterations >= max_iterations:
+        return result(Outcome.NO_STABLE_STATE)
+    return _flow(scene, here, e, rtol, reach, max_iterations, iterations, shift)
+
+
+class _Drag:
+    """The scene with s/2 |x − xₙ|² added to its energy; what :func:`newton` asks of a scene."""
+
+    def __init__(self, scene: Scene, anchor: np.ndarray, drag: float):
+        self._scene, self._anchor, self._drag = scene, anchor, drag
+        self.size, self.n_free, self.scales = scene.size, scene.n_free, scene.scales
+        self.longest_step = scene.longest_step
+
+    def _pull(self, x):
+        d = np.zeros(self.size)
+        d[: self.n_free] = x[: self.n_free] - self._anchor[: self.n_free]
+        return 0.5 * self._drag * float(d @ d), self._drag * d
+
+    def system(self, x, e):
+        found = self._scene.system(x, e)
+        if found is None:
+            return None
+        energy, force = self._pull(x)
+        out = found.shifted(self._drag)
+        out.residual, out.energy = found.residual + force, found.energy + energy
+        return out
+
+    def residual(self, x, e):
+        R = self._scene.residual(x, e)
+        return None if R is None else R + self._pull(x)[1]
+
+    def gradient(self, x, e):
+        found = self._scene.gradient(x, e)
+        if found is None:
+            return None
+        energy, force = self._pull(x)
+        return found[0] + energy, found[1] + force
+
+
+def _flow(scene, x, e, rtol, reach, max_iterations, spent, drag) -> NewtonResult:
+    """Implicit gradient flow from x until plain Newton reaches a stable equilibrium."""
+    n, length = scene.n_free, scene.scales.length
+    system = scene.system(x, e)
+    _, first, more = _definite(scene, system, drag)
+    drag, spent = max(first, drag), spent + more
+    if drag == 0:
+        value, _ = critical_mode(scene, system.factorise(), sweeps=4)
+        drag = abs(value)
+    velocity, failed = np.zeros(scene.size), 0
+    last = NewtonResult(x, e, Outcome.NO_STABLE_STATE, spent, np.inf, np.inf, system)
+    while spent < max_iterations and failed < 12:
+        step = newton(
+            _Drag(scene, x, drag), x + velocity / drag, e,
+            rtol=max(rtol, 1e-3 * reach), max_iterations=10, unstable=0, fresh=False,
+        )  # fmt: skip
+        spent += step.iterations + 1
+        moved = largest(step.x[:n] - x[:n]) / length
+        found = scene.energy(step.x, e)
+        if not (found < system.energy and moved <= 3 * reach):
+            drag, failed = 8 * drag, failed + 1
+            velocity = velocity if step.iterations < 3 else 0.5 * velocity
+            continue
+        failed = 0
+        velocity = drag * (step.x - x)
+        velocity[n:] = 0.0
+        # Unfinished, a step is still one downhill, but its pace says little.
+        settled = step.outcome in (Outcome.CONVERGED, Outcome.STAGNATED)
+        drag *= (0.3 if moved < reach else 1.0) if settled else 2.0
+        x, system = step.x, scene.system(step.x, e)
+        if system.unstable == 0:
+            plain = newton(scene, x, e, rtol=rtol, max_iterations=8, unstable=0)
+            spent += plain.iterations
+            if largest(plain.x[:n] - x[:n]) / length <= 3 * reach:
+                if plain.converged and plain.system.unstable == 0:
+                    return replace(plain, iterations=spent)
+                found = scene.energy(plain.x, e)
+                if found < system.energy:
+                    x, system = plain.x, scene.system(plain.x, e)
+        elif moved <= rtol:
+            left = _off_saddle(scene, system, x, e, rtol)
+            if left is None:
+                break
+            x, velocity = left, 0 * velocity
+    return replace(last, x=x, iterations=spent)
 
 
 def _definite(scene: Scene, system: System, shift: float) -> tuple[System, float, int]:

@@ -55,6 +55,16 @@ def graded(a: float, b: float, n: int, *, toward: str = "both", ratio: float = 1
     return out
 
 
+def growing(length: float, first: float, factor: float, longest: float = np.inf) -> np.ndarray:
+    """Coordinates from 0 to ``length`` whose steps grow from ``first`` by ``factor`` up to
+    ``longest``; they are then scaled to fit."""
+    taken, step = [], first
+    while sum(taken) < length * (1 - 1e-9):
+        taken.append(min(step, longest))
+        step *= factor
+    return np.concatenate([[0.0], np.cumsum(np.array(taken) * length / sum(taken))])
+
+
 def joined(*pieces: Sequence[float]) -> np.ndarray:
     """Coordinates of pieces that follow each other, each starting where the last one ends.
 

@@ -167,7 +167,8 @@ class Stagnation:
     """Whether corrections near the tolerance have stopped shrinking: roundoff, not damping."""
 
     def __init__(self, rtol: float):
-        self._near, self._best, self._since = 1e3 * rtol, np.inf, 0
+        near = max(10 * rtol, min(1e3 * rtol, 1e-5))
+        self._near, self._best, self._since = near, np.inf, 0
 
     def stuck(self, correction: float) -> bool:
         """To be asked once per iteration."""

@@ -334,6 +334,12 @@ class Scene:
         R = self._residual(part.force, u, x, e)
         return System(self, R, self._gather(part.stiffness), part.energy)
 
+    def system_of(self, stiffness: np.ndarray) -> System:
+        """A tangent given by its blocks on this scene's graph, such as that of a state which these
+        supports don't hold: so the stability of a symmetric state is judged under others. Its
+        residual is 0."""
+        return System(self, np.zeros(self.size), self._gather(stiffness))
+
     def load_rate(self, x: np.ndarray, e: float, step: float = 1e-6) -> np.ndarray | None:
         """∂R/∂e by central differences of the force; None where not admissible."""
         lo, hi = self.residual(x, e - step), self.residual(x, e + step)

@@ -152,6 +152,8 @@ class LoadSteps:
         guess = options[0]
         if len(options) > 1:
             guess = min(options, key=lambda x: _misfit(scene, x, e))
+        # An extrapolation may end beyond a barrier.
+        guess = point.x + scene.longest_step(point.x, guess - point.x, e) * (guess - point.x)
         start = guess
         if field is not None:
             scale = largest(guess[: scene.n_free])

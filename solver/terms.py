@@ -6,6 +6,8 @@ Elastic with growth (Π = ∫ Jg ψ(Fe) dV₀), gravity (Eq. 4.2) and dead tract
 
 from __future__ import annotations
 
+import time
+
 import numpy as np
 
 from solver.body import Body, Surface
@@ -190,3 +192,23 @@ class Traction:
         """Energy and force; u (n, 3)."""
         loads = self.loads(e)
         return Evaluation(-float((loads * u).sum()), -loads if order >= 1 else None)
+
+
+class OutOfTime(Exception):
+    """The deadline of a path has passed."""
+
+
+class Deadline:
+    """A term that adds nothing and raises :class:`OutOfTime` once ``time.monotonic()`` is past
+    ``at``: any iteration, however deep, then ends. Part of a scene only where there is a limit."""
+
+    name, graph, symmetric = "deadline", None, True
+
+    def __init__(self, at: float):
+        self.at = at
+
+    def evaluate(self, u: np.ndarray, e: float, order: int = 2) -> Evaluation:
+        """Nothing."""
+        if time.monotonic() > self.at:
+            raise OutOfTime
+        return Evaluation(0.0, np.zeros(()))

@@ -15,7 +15,7 @@ import numpy as np
 from solver.body import Body
 from solver.growth import Isotropic, Orthotropic
 from solver.materials import NeoHookean
-from solver.meshes import box, joined
+from solver.meshes import box, growing, joined
 from solver.scene import Fixed, Scene, rotation_row, translation_row
 from solver.terms import Elastic
 
@@ -66,8 +66,8 @@ def mesh(
     x = np.linspace(0, WIDTH / 2, level.across + 1)
     half = HINGE / 2
     y = joined(
-        half - _steps(half, level.first, level.factor, level.longest)[::-1],
-        half + _steps(0.5 - half, level.first, level.factor, 0.4),
+        half - growing(half, level.first, level.factor, level.longest)[::-1],
+        half + growing(0.5 - half, level.first, level.factor, 0.4),
     )
     z = joined(PASSIVE * np.array(level.passive), PASSIVE + ACTIVE * np.array(level.active))
     if not quarter:
@@ -81,15 +81,6 @@ def mesh(
         tets=element.startswith("tet"),
     )
     return Body.build(grid, element, bent=1 if bent and element == "hex27" else None)
-
-
-def _steps(length: float, first: float, factor: float, longest: float) -> np.ndarray:
-    """Coordinates from 0 whose steps grow from ``first`` by ``factor`` up to ``longest``."""
-    steps, step = [], first
-    while sum(steps) < length:
-        steps.append(min(step, longest))
-        step *= factor
-    return np.concatenate([[0.0], np.cumsum(np.array(steps) * length / sum(steps))])
 
 
 def scene(

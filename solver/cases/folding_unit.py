@@ -1,0 +1,317 @@
+"""The folding unit: two panels joined by a bilayer hinge, from its nondimensional groups.
+
+Lengths in units of the sheet's length l_s, stresses in units of E_s. x runs along the fold, y along
+the sheet, z up. The passive sheet is |y| ≤ ½, 0 ≤ z ≤ h_s, its panels b_s wide and its hinge,
+|y| ≤ l_i/2, b_i wide; the active layer lies on top of the hinge and contracts to g = −contraction
+as the load e goes from 0 to 1. Weight per volume: ρ_s g = (h_s/l_s)²/Γ, Γ = E_s h_s²/(ρ_s g l_s³).
+
+A model is a quarter, a half or the whole of it: ``mirrors`` names the mirror planes, normal to x or
+to y. What may be absent is absent: without the effect there is no Gravity and no Ground among the
+terms, a solid active layer has no strips.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, fields
+from functools import cached_property
+
+import numpy as np
+
+from scipy.spatial import cKDTree
+
+from solver.body import Body
+from solver.cases import unit_mesh
+from solver.ground import Ground, GroundExponential
+from solver.growth import Orthotropic
+from solver.materials import NeoHookean
+from solver.scene import Fixed, Row, Scene, Term, translation_row
+from solver.terms import Deadline, Elastic, Gravity
+
+EFFECTS = ("gravity", "ground")
+GROWTHS = {
+    # shares of the contraction along x, y, z as functions of e
+    "uniaxial": (0.0, lambda e: e, 0.0),
+    "isotropic": (lambda e: e, lambda e: e, lambda e: e),
+    "release": (lambda e: e, 1.0, lambda e: e),  # from uniaxial to isotropic
+}
+
+
+@dataclass(frozen=True)
+class Unit:
+    """One design; lengths in l_s, stresses in E_s, see the module.
+
+    ``strips``: number of active strips side by side along the hinge, each along y, 0 for a solid
+    layer; ``strip_share``: what part of the width they cover. Raises ValueError for values that are
+    no unit.
+    """
+
+    E_ratio: float
+    rho_ratio: float
+    hinge_length: float
+    hinge_width: float
+    h_ratio: float
+    stiffness_to_weight: float
+    aspect: float
+    slenderness: float
+    contraction: float
+    nu: float = 0.3
+    strips: int = 0
+    strip_share: float = 0.5
+
+    def __post_init__(self):
+        for f in fields(self):
+            value = getattr(self, f.name)
+            low = 0.0 if f.name in ("contraction", "nu", "strips") else 1e-300
+            if not (np.isfinite(value) and value >= low):
+                raise ValueError(f"{f.name} = {value:g}; expected a finite number above 0")
+        most = {"hinge_length": 0.95, "hinge_width": 1.0, "contraction": 0.95, "strip_share": 1.0}
+        for name, limit in most.items():
+            if getattr(self, name) > limit:
+                raise ValueError(f"{name} = {getattr(self, name):g}; expected at most {limit:g}")
+
+    @property
+    def active(self) -> float:
+        """h_i, in l_s."""
+        return self.h_ratio * self.slenderness
+
+    @property
+    def width(self) -> float:
+        """b_i, in l_s."""
+        return self.hinge_width * self.aspect
+
+    @property
+    def weight(self) -> float:
+        """ρ_s g in E_s / l_s."""
+        return self.slenderness**2 / self.stiffness_to_weight
+
+    @property
+    def curvature(self) -> float:
+        """Timoshenko's κ l_s at the full contraction (Eq. 4.14)."""
+        m, n = self.h_ratio, self.E_ratio
+        share = 6 * (1 + m) / (3 * (1 + m) ** 2 + (1 + m * n) * (m**2 + 1 / (m * n)))
+        return share * self.contraction / self.slenderness
+
+    @property
+    def fold_angle(self) -> float:
+        """Timoshenko's κ l_i (Eq. 4.15) in rad."""
+        return self.curvature * self.hinge_length
+
+
+@dataclass(frozen=True, eq=False)
+class Model:
+    """A unit on a mesh: the terms, and scenes of them under various supports.
+
+    ``mirrors``: mirror planes, of ("x", "y"); ``scene``: the one whose path is followed. ``ground``
+    is None where there is none.
+    """
+
+    unit: Unit
+    body: Body
+    terms: tuple[Term, ...]
+    growth: str
+    mirrors: tuple[str, ...]
+    upright: bool
+    scene: Scene = field(repr=False)
+    ground: Ground | GroundExponential | None
+    options: dict = field(repr=False)  # what it was built with
+
+    @property
+    def effects(self) -> tuple[str, ...]:
+        """Names of the terms that act."""
+        return tuple(t.name for t in self.terms if not isinstance(t, Deadline))
+
+    @property
+    def heavy(self) -> bool:
+        """Whether there is weight, so that the ground carries the unit."""
+        return "gravity" in self.effects
+
+    @cached_property
+    def _curves(self):
+        h, half = self.unit.slenderness / 2, self.unit.width / 2
+        # An even number of points: none on a mirror plane, none twice.
+        s, across = np.linspace(-0.5, 0.5, 1000), np.linspace(-half, half, 1000)
+        if "x" in self.mirrors:
+            across = across[500:]
+        if "y" in self.mirrors:
+            s = s[500:]
+
+        def along(x):
+            return np.stack([np.full(len(s), x), s, np.full(len(s), h)], axis=1)
+
+        lines = [along(0.0), np.stack([across, 0 * across, 0 * across + h], axis=1), along(half)]
+        if "x" not in self.mirrors:
+            lines.append(along(-half))
+        # A hair inside of the body, whatever rounding did to its edges.
+        return [self.body.interpolation(line * (1 - 1e-9)) for line in lines]
+
+    def curves(self, x: np.ndarray, e: float) -> np.ndarray:
+        """C1 … C4 of physics.md §6 in the deformed state, (4, 1000, 3), in l_s.
+
+        On the passive layer's mid-plane: x = 0 along y, y = 0 along x within the hinge's width, and
+        x = ±b_i/2 along y.
+        """
+        deformed = self.body.nodes + self.scene.displacement(x, e)
+        found = [m @ deformed for m in self._curves]
+        if "x" in self.mirrors:
+            found[1] = np.vstack([(found[1] * (-1, 1, 1))[::-1], found[1]])
+            found.append(found[2] * (-1, 1, 1))
+        if "y" in self.mirrors:
+            for k in (0, 2, 3):
+                found[k] = np.vstack([(found[k] * (1, -1, 1))[::-1], found[k]])
+        return np.stack(found)
+
+    def gaps(self, x: np.ndarray, e: float) -> np.ndarray:
+        """Heights of the sheet's underside above the ground, (points,), in l_s."""
+        return self.ground.gaps(self.scene.displacement(x, e))
+
+    def widened(self, mirrors: Sequence[str], x: np.ndarray, e: float) -> tuple[Model, np.ndarray]:
+        """The model with fewer mirror planes, and the same state on it as its unknowns.
+
+        Its rows hold the rotations where the state has them. Raises ValueError for a mirror plane
+        that this model doesn't have.
+        """
+        lost = [axis for axis, name in enumerate("xy") if name in self.mirrors]
+        lost = [axis for axis in lost if "xy"[axis] not in mirrors]
+        if not lost or not set(mirrors) <= set(self.mirrors):
+            raise ValueError(f"mirrors {tuple(mirrors)}; expected fewer of {self.mirrors}")
+        u = self.scene.displacement(x, e)
+
+        def mapped(body: Body) -> np.ndarray:
+            there, signs = body.nodes.copy(), np.ones_like(body.nodes)
+            for axis in lost:
+                signs[:, axis] = np.where(there[:, axis] < 0, -1, 1)
+                there[:, axis] = np.abs(there[:, axis])
+            off, near = cKDTree(self.body.nodes).query(there)
+            if off.max() > 1e-9:
+                raise ValueError("the mesh of the larger model is no mirror image of this one")
+            return signs * u[near]
+
+        wide = build(self.unit, **{**self.options, "mirrors": tuple(mirrors), "at": mapped})
+        return wide, wide.scene.unknowns(mapped(wide.body))
+
+
+def build(
+    unit: Unit,
+    level: int | unit_mesh.Sizes = 1,
+    *,
+    growth: str = "uniaxial",
+    effects: Sequence[str] = EFFECTS,
+    mirrors: Sequence[str] = ("x", "y"),
+    upright: bool = True,
+    element: str = "hex27",
+    stiffening: Callable[[float], float] | None = None,
+    barrier: str = "surface",
+    body: Body | None = None,
+    deadline: float | None = None,
+    at: Callable[[Body], np.ndarray] | None = None,
+) -> Model:
+    """Model of a unit.
+
+    ``level``: fineness of the mesh, see :mod:`solver.cases.unit_mesh`. ``effects``: of ("gravity",
+    "ground"); weight needs the ground. ``upright``: hold the unit against toppling (rows on its
+    rotations) where mirror planes don't; otherwise all of its surface may touch the ground.
+    ``stiffening``: factor on E_i as a function of e (§4.8.4). ``barrier``: "surface", or
+    "exponential" for the dissertation's (Eq. 4.5). ``body``: a mesh of one's own, with sub-domains
+    "passive" and "active". ``deadline``: ``time.monotonic()`` at
+    which any iteration is broken off. ``at`` gives the displacement (nodes, 3) about which rows hold rotations.
+
+    Raises ValueError for names that are not there and what mesh and terms refuse.
+    """
+    if growth not in GROWTHS:
+        raise ValueError(f"growth {growth!r}; expected one of {', '.join(GROWTHS)}")
+    for effect in effects:
+        if effect not in EFFECTS:
+            raise ValueError(f"effect {effect!r}; expected some of {', '.join(EFFECTS)}")
+    if ("gravity" in effects) != ("ground" in effects):
+        raise ValueError(
+            "weight and ground come together: without ground a weight falls, without weight "
+            "nothing lies on the ground; give both effects or none"
+        )
+    if barrier not in ("surface", "exponential"):
+        raise ValueError(f"barrier {barrier!r}; expected 'surface' or 'exponential'")
+    mirrors = tuple(mirrors)
+    options = {
+        "level": level, "growth": growth, "effects": effects, "mirrors": mirrors,
+        "upright": upright, "element": element, "stiffening": stiffening, "barrier": barrier,
+        "body": body, "deadline": deadline,
+    }  # fmt: skip
+    if body is None:
+        body = unit_mesh.mesh(
+            unit, level, mirrors=mirrors, element=element, growth=growth, heavy=bool(effects)
+        )
+    active = body.cells_of("active")
+    shares = [
+        (lambda e, s=s: -unit.contraction * s(e)) if callable(s) else -unit.contraction * s
+        for s in GROWTHS[growth]
+    ]
+    E = np.where(active, unit.E_ratio, 1.0)
+    if stiffening is not None:
+        E = lambda e: np.where(active, unit.E_ratio * stiffening(e), 1.0)  # noqa: E731
+    terms: list[Term] = [Elastic(body, NeoHookean(E, unit.nu), Orthotropic(shares, cells=active))]
+    ground = None
+    if effects:
+        density = np.where(active, unit.rho_ratio, 1.0)
+        terms.append(Gravity(body, density, unit.weight))
+        if barrier == "exponential":
+            ground = GroundExponential(body, length=1.0, modulus=1.0)
+        else:
+            hinge = unit.weight * (unit.slenderness + unit.rho_ratio * unit.active)
+            low = unit.slenderness * 1e-6
+            surface = body.surface(
+                (lambda X: X[:, 2] < low) if upright else body.mesh.boundary_facets()
+            )
+            ground = Ground(body, surface, thickness=unit.slenderness, pressure=hinge)
+        terms.append(ground)
+    if deadline is not None:
+        terms.append(Deadline(deadline))
+    fixed, rows = _supports(unit, body, mirrors, bool(effects), upright, at)
+    scene = Scene(body, terms, fixed=fixed, rows=rows)
+    return Model(unit, body, tuple(terms), growth, mirrors, upright, scene, ground, options)
+
+
+def plane(body: Body, axis: int) -> np.ndarray:
+    """Nodes on the mirror plane normal to an axis."""
+    return np.flatnonzero(np.abs(body.nodes[:, axis]) < 1e-9)
+
+
+def foot(body: Body, at=(0.0, 0.0, 0.0)) -> np.ndarray:
+    """The node nearest to a reference position."""
+    return np.array([np.argmin(np.linalg.norm(body.nodes - at, axis=1))])
+
+
+def _supports(unit, body, mirrors, heavy, upright, at):
+    axes = ["xy".index(m) for m in mirrors]
+    fixed = [Fixed(plane(body, axis), np.eye(3)[axis]) for axis in axes]
+    free = [axis for axis in (0, 1) if axis not in axes]
+    if not heavy:
+        # No force needs a support: one node holds the height.
+        fixed.append(Fixed(foot(body), [0, 0, 1]))
+    u = np.zeros_like(body.nodes) if at is None else at(body)
+    rows = [translation_row(body, axis) for axis in free]
+    # A mirror plane normal to one axis forbids rotations about the other two.
+    turns = {0: 1 not in axes, 1: 0 not in axes, 2: not axes}
+    for axis, loose in turns.items():
+        if loose and (axis == 2 or upright or not heavy):
+            rows.append(turning_row(body, axis, u))
+    return fixed, rows
+
+
+def turning_row(
+    body: Body, axis: int, u: np.ndarray, mirrors: Sequence[str] = ()
+) -> Row:
+    """No further mean rotation about an axis beyond the displacement u (nodes, 3).
+
+    The arms are those of the deformed state, from the centroid of the whole that ``mirrors`` makes
+    of the body: those of the flat sheet see no rotation of a unit whose panels point back.
+    """
+    volume = body.node_volumes()
+    arm = body.nodes + u
+    centre = volume @ arm / volume.sum()
+    centre[["xy".index(m) for m in mirrors]] = 0.0
+    arm = arm - centre
+    c = np.zeros_like(arm)
+    i, j = (axis + 1) % 3, (axis + 2) % 3
+    c[:, j], c[:, i] = volume * arm[:, i], -volume * arm[:, j]
+    c /= volume @ (arm[:, i] ** 2 + arm[:, j] ** 2) / body.length
+    return Row(c, value=float((c * u).sum()), name=f"rotation {'xyz'[axis]}")

@@ -1,0 +1,316 @@
+"""The stable path of a folding unit: what it does as its active layer contracts.
+
+The symmetric quarter is followed first. At each accepted point its stability is judged in all four
+symmetry classes: even or odd about each mirror plane, on the same mesh under other supports. Where
+a class is lost, the path goes on with the mirror planes that are left.
+
+A unit that stands on the ground may be able to tip over as a whole, with no elastic mode unstable.
+That is told apart by Haynsworth's formula: with the rotations' rows C the number of unstable modes
+is n₋(K) + n₋(−C K⁻¹ Cᵀ) − m, without them n₋(K).
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+from enum import Enum
+
+import numpy as np
+from scipy.linalg import qr
+
+from solver.cases.folding_unit import Model, foot, plane, turning_row
+from solver.continuation import LoadSteps, Noise, Point
+from solver.linear import SingularMatrix
+from solver.newton import Outcome
+from solver.scene import Fixed, Scene
+from solver.settle import Settle
+from solver.terms import OutOfTime
+
+# What a mode does, by the mirror planes that it keeps.
+CLASSES = {("x", "y"): "symmetric", ("y",): "sideways", ("x",): "rocking", (): "twisting"}
+
+
+class Ending(Enum):
+    """Why a path ended where it did."""
+
+    REACHED = "the full contraction was reached on a stable path"
+    STOPPED = "the path was stopped at a state that was asked for"
+    TIMEOUT = "the time allowed was used up"
+    TOO_LONG = "the steps allowed were used up"
+    LOST = "no stable equilibrium was found beyond the last point"
+    NO_REST = "the flat unit found no rest on the ground"
+
+
+@dataclass(frozen=True)
+class Check:
+    """Unstable modes of one symmetry class, held upright and free to tip; None: not counted."""
+
+    kept: tuple[str, ...]
+    held: int | None
+    free: int | None
+
+
+@dataclass(frozen=True, eq=False)
+class State:
+    """An accepted point: ``e``, curves (4, 1000, 3), checks, heights in l_s, energy."""
+
+    e: float
+    curves: np.ndarray = field(repr=False)
+    checks: tuple[Check, ...]
+    lowest: float | None
+    tip: float | None
+    energy: float | None
+    iterations: int
+    unknowns: int
+
+    @property
+    def unstable(self) -> int | None:
+        """Elastically unstable modes in all classes; None if they could not be counted."""
+        counts = [c.held for c in self.checks]
+        return None if None in counts else sum(counts)
+
+    @property
+    def topples(self) -> bool:
+        """Whether the unit, elastically stable or not, would tip over if let go."""
+        return any((c.free or 0) > (c.held or 0) for c in self.checks)
+
+
+@dataclass(frozen=True)
+class Happening:
+    """``kind``: snap, toppling, or the class of a loss of symmetry; ``e`` where; ``size`` of a
+    jump, max|Δu| in l_s."""
+
+    kind: str
+    e: float
+    size: float = 0.0
+
+
+@dataclass(frozen=True, eq=False)
+class Folding:
+    """States along the path, what happened, and why it ended; the model and unknowns it ended in.
+
+    ``detail``: the solver's own sentence where it failed.
+    """
+
+    states: tuple[State, ...]
+    happenings: tuple[Happening, ...]
+    ending: Ending
+    detail: str
+    model: Model
+    x: np.ndarray | None
+    iterations: int
+    seconds: float
+
+    @property
+    def last(self) -> State:
+        """The last accepted state; raises ValueError where there is none."""
+        if not self.states:
+            raise ValueError(f"the path has no states: {self.detail}")
+        return self.states[-1]
+
+
+class Symmetries:
+    """The classes of a model that its mirror planes hide, as scenes on the same mesh."""
+
+    def __init__(self, model: Model):
+        self.model = model
+        hidden = [m for m in ((), ("x",), ("y",)) if set(m) < set(model.mirrors)]
+        self._scenes = {kept: self._odd(kept) for kept in hidden}
+
+    def _odd(self, kept: tuple[str, ...]) -> Scene:
+        """Supports of perturbations odd about the mirror planes that are not kept."""
+        model, body = self.model, self.model.body
+        fixed = []
+        for axis, name in enumerate("xy"):
+            if name in model.mirrors:
+                on = plane(body, axis)
+                directions = [axis] if name in kept else [k for k in range(3) if k != axis]
+                fixed += [Fixed(on, np.eye(3)[k]) for k in directions]
+        held = np.zeros((len(body.nodes), 3), bool)
+        for support in fixed:
+            held[support.nodes] |= np.asarray(support.direction) > 0
+        # Motions that cost nothing are pinned, each at one component: the inertia is the same for
+        # any choice. Pins near the hinge keep their levers while the panels turn.
+        near = np.flatnonzero(
+            (np.abs(body.nodes[:, 1]) <= model.unit.hinge_length / 3) & (body.nodes[:, 2] < 1e-12)
+        )
+        modes = [np.broadcast_to(k, body.nodes.shape) for k in np.eye(3)]
+        modes += [np.cross(k, body.nodes) for k in np.eye(3)]
+        idle = [0, 1, 5] if model.heavy else range(6)
+        allowed = [modes[k] for k in idle if not np.abs(modes[k][held]).max(initial=0) > 1e-12]
+        if allowed:
+            candidates = np.array([(n, k) for n in near for k in range(3) if not held[n, k]])
+            lever = np.array([[m[n, k] for n, k in candidates] for m in allowed])
+            for pick in qr(lever, pivoting=True)[2][: len(allowed)]:
+                node, k = candidates[pick]
+                fixed.append(Fixed(np.array([node]), np.eye(3)[k]))
+        return Scene(body, model.terms, fixed=fixed, scales=model.scene.scales)
+
+    def check(self, x: np.ndarray, e: float) -> list[Check]:
+        """Counts in each hidden class at an equilibrium of the model."""
+        if not self._scenes:
+            return []
+        model = self.model
+        u = model.scene.displacement(x, e)
+        blocks = model.scene.evaluate(u, e, 2).stiffness
+        found = []
+        for kept, scene in self._scenes.items():
+            try:
+                factor = scene.system_of(blocks).factorise()
+            except SingularMatrix:
+                found.append(Check(kept, None, None))
+                continue
+            free = held = factor.negative
+            rows = self._rows(kept, u) if model.heavy else []
+            if rows and free is not None:
+                C = np.stack([scene.unknowns(row) for row in rows])
+                S = C @ factor.solve(np.ascontiguousarray(C.T)).reshape(scene.size, len(C))
+                held = free + int((np.linalg.eigvalsh(-(S + S.T)) < 0).sum()) - len(rows)
+            found.append(Check(kept, held, free))
+        return found
+
+    def _rows(self, kept, u) -> list[np.ndarray]:
+        """Coefficients of the rotations about x and y that the class can make."""
+        mirrors = self.model.mirrors
+        odd = [m for m in mirrors if m not in kept]
+        # A rotation about x is odd about the plane normal to y and even about that normal to x.
+        rows = []
+        for axis, turns in ((0, "y"), (1, "x")):
+            other = "x" if turns == "y" else "y"
+            odd_about = turns not in mirrors or turns in odd
+            even_about = other not in mirrors or other in kept
+            if odd_about and even_about:
+                rows.append(turning_row(self.model.body, axis, u, mirrors).coefficients)
+        return rows
+
+
+def fold(
+    model: Model,
+    start: np.ndarray | None = None,
+    *,
+    rtol: float = 1e-6,
+    turn: float = 0.5,
+    stop: Callable[[State], bool] | None = None,
+    noise: tuple[float, int] | None = None,
+    on_state: Callable[[Model, np.ndarray, State], None] | None = None,
+    max_states: int = 400,
+) -> Folding:
+    """Follow the stable path from e = 0, at rest, to e = 1.
+
+    ``start``: unknowns to begin with, zeros if None. ``rtol``: see :func:`solver.newton.newton`.
+    ``turn``: rad that the fold should turn by in a step, by Timoshenko. ``stop``: asked at each
+    state. ``noise``: amplitude and seed of
+    §4.3.3, on a whole model instead of the tests of symmetry. ``on_state`` sees each state as it is
+    accepted, with its model and unknowns.
+    """
+    walk = _Walk(model, rtol, turn, stop, noise, on_state, max_states)
+    return walk.run(np.zeros(model.scene.size) if start is None else start)
+
+
+class _Walk:
+    def __init__(self, model, rtol, turn, stop, noise, on_state, max_states):
+        self.begun = time.monotonic()
+        self.model, self.stop = model, stop
+        self.on_state, self.max_states = on_state, max_states
+        angle = max(model.unit.fold_angle, model.unit.curvature * model.unit.width)
+        if model.growth == "uniaxial":
+            angle = model.unit.fold_angle
+        step = min(0.1, turn / max(angle, 1e-9))
+        self.steps = LoadSteps(rtol=rtol, step=step, first=0.5, cut=4.0, largest=max(1.0, 0.1 / step))
+        self.stepper = Settle(self.steps)
+        if noise is not None:
+            self.stepper = replace(self.steps, noise=Noise(*noise))
+        self.states: list[State] = []
+        self.happenings: list[Happening] = []
+        self.iterations = 0
+        self.toppled = False
+        self._look()
+
+    def _look(self):
+        """What depends on the model."""
+        self.symmetries = Symmetries(self.model)
+        body = self.model.body
+        self.tip = foot(body, (0.0, 0.5, 0.0))
+
+    def run(self, x: np.ndarray) -> Folding:
+        self.last = None
+        try:
+            return self._walk(x)
+        except OutOfTime:
+            return self._end(Ending.TIMEOUT, Ending.TIMEOUT.value, self.last)
+
+    def _walk(self, x: np.ndarray) -> Folding:
+        point = self.stepper.begin(self.model.scene, x, 0.0, 1.0)
+        if isinstance(point, Outcome):
+            return self._end(Ending.NO_REST, point.value, None)
+        while True:
+            point = self._accept(point)
+            if isinstance(point, Outcome):
+                return self._end(Ending.LOST, point.value, self.last)
+            if self.stop is not None and self.stop(self.states[-1]):
+                return self._end(Ending.STOPPED, Ending.STOPPED.value, point)
+            if point.e >= 1.0:
+                return self._end(Ending.REACHED, Ending.REACHED.value, point)
+            self.last = point
+            if len(self.states) >= self.max_states:
+                return self._end(Ending.TOO_LONG, Ending.TOO_LONG.value, point)
+            point = self.stepper.advance(self.model.scene, point, 1.0)
+            if isinstance(point, Outcome):
+                return self._end(Ending.LOST, point.value, self.last)
+
+    def _end(self, ending: Ending, detail: str, point: Point | None) -> Folding:
+        return Folding(
+            tuple(self.states), tuple(self.happenings), ending, detail, self.model,
+            None if point is None else point.x, self.iterations, time.monotonic() - self.begun,
+        )  # fmt: skip
+
+    def _accept(self, point: Point) -> Point | Outcome:
+        """The point, or the one that the unit goes to where a symmetry is lost."""
+        self.iterations += point.iterations
+        for event in point.events:
+            if event.kind in ("snap", "bifurcation"):
+                kind = "snap" if event.kind == "snap" else self._class(self.model.mirrors)
+                self.happenings.append(Happening(kind, event.e, event.size))
+        checks = self.symmetries.check(point.x, point.e)
+        lost = [c for c in checks if c.held]
+        while lost and self.model.mirrors and isinstance(self.stepper, Settle):
+            # Of classes lost in the same step the one that keeps most.
+            kept = max((c.kept for c in lost), key=len)
+            before = self.model.scene.displacement(point.x, point.e)
+            self.model, x = self.model.widened(kept, point.x, point.e)
+            self._look()
+            found = self.stepper.begin(self.model.scene, x, point.e, 1.0)
+            if isinstance(found, Outcome):
+                return found
+            self.iterations += found.iterations
+            size = float(np.abs(self.model.scene.displacement(found.x, found.e)).max())
+            size = abs(size - float(np.abs(before).max()))
+            self.happenings.append(Happening(self._class(kept), point.e, size))
+            point = replace(found, index=point.index)
+            checks = self.symmetries.check(point.x, point.e)
+            lost = [c for c in checks if c.held]
+        state = self._state(point, checks)
+        if state.topples and not self.toppled:
+            self.happenings.append(Happening("toppling", point.e))
+            self.toppled = True
+        self.states.append(state)
+        if self.on_state is not None:
+            self.on_state(self.model, point.x, state)
+        return point
+
+    def _class(self, mirrors) -> str:
+        return CLASSES[tuple(mirrors)]
+
+    def _state(self, point: Point, checks) -> State:
+        model = self.model
+        lowest = tip = None
+        if model.ground is not None:
+            lowest = float(model.gaps(point.x, point.e).min())
+            u = model.scene.displacement(point.x, point.e)
+            tip = float((model.body.nodes + u)[self.tip, 2].item())
+        own = Check(model.mirrors, point.unstable, point.unstable)
+        return State(
+            point.e, model.curves(point.x, point.e), (own, *checks), lowest, tip, point.energy,
+            point.iterations, model.scene.size,
+        )  # fmt: skip
