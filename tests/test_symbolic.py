@@ -482,6 +482,29 @@ def test_no_usable_candidate_is_an_error_and_usable_ones_survive(monkeypatch):
     assert (model.predict(X) > 0).all()
 
 
+def test_formulas_are_defined_in_the_whole_space_and_not_only_where_the_rows_are(monkeypatch):
+    # Bug: a fit on 200 designs gave log(E_ratio - 0.001037), undefined at E_ratio = 0.00101.
+    X, _ = designs(200, 1)
+    X = X[X.E_ratio > 0.00104]
+    undefined = ("-", 8.0, ("log", ("-", "E_ratio", 0.001037)))
+    y = Formula(undefined, NAMES)(X.to_numpy())
+    found = [undefined, "E_ratio"]
+    monkeypatch.setitem(engines.ENGINES, "operon", lambda *_: found)
+    anywhere = SymbolicRegressor(reciprocal=False).fit(X, y)
+    assert "0.001037" in str(anywhere.formula_)
+    model = SymbolicRegressor(REDUCED, reciprocal=False).fit(X, y)
+    assert model.front_["formula"].map(str).tolist() == ["E_ratio"]
+    found[0] = ("-", 8.0, ("log", ("-", "E_ratio", 0.001)))  # undefined at E_ratio = 0.001 alone
+    y = Formula(found[0], NAMES)(X.to_numpy())
+    model.fit(X, y)
+    assert model.front_["formula"].map(str).tolist() == ["E_ratio"]
+    # Rows beyond the space widen the box: undefined between 1400 and 1600.
+    found[0] = ("log", ("*", ("-", "E_ratio", 1400.0), ("-", "E_ratio", 1600.0)))
+    X.iloc[0, 0] = 2000.0
+    model.fit(X, Formula(found[0], NAMES)(X.to_numpy()))
+    assert model.front_["formula"].map(str).tolist() == ["E_ratio"]
+
+
 def test_prediction_outside_the_formula_is_an_error():
     X, y = designs(50, 1)
     model = SymbolicRegressor(REDUCED, constraints=TINY).fit(X, y)
