@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-import inspect
 import time
 from collections.abc import Mapping
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -13,6 +13,7 @@ from foldlab import timoshenko
 from foldlab.design import REDUCED, DesignSpace
 from foldlab.errors import InputError
 from foldlab.labels import Label
+from foldlab.settings import call
 
 
 class TimoshenkoSource:
@@ -89,14 +90,12 @@ def _reason(foldable: bool, values: Mapping[str, float]) -> str:
 SOURCES = {"timoshenko": TimoshenkoSource}
 
 
-def make_source(name: str, **options):
-    """A label source by name; raises :class:`InputError` for an unknown one or unknown options."""
+def make_source(name: str, settings: Mapping[str, Any] | None = None, **fixed):
+    """A label source by name, with a user's ``settings`` checked against its types.
+
+    ``fixed`` is what the program gives, such as the space. Raises :class:`InputError` for an
+    unknown source, unknown settings or values of a wrong type.
+    """
     if name not in SOURCES:
         raise InputError(f"no label source {name!r}; there are: {', '.join(SOURCES)}")
-    known = list(inspect.signature(SOURCES[name]).parameters)
-    for option in options:
-        if option not in known:
-            raise InputError(
-                f"source {name!r} has no setting {option!r}; it has: {', '.join(known)}"
-            )
-    return SOURCES[name](**options)
+    return call(SOURCES[name], settings or {}, what=f"source {name!r}", **fixed)

@@ -3,6 +3,7 @@
 ``python campaign_sources.py STORE N SECONDS pool|threads`` labels N designs.
 """
 
+import ctypes
 import os
 import signal
 import sys
@@ -64,6 +65,33 @@ class Slow:
         evidence = {"angle": float("nan") if kind == NAN else design["x"] / 7, "calls": self.calls}
         answer = {FOLDS: True, NOT: False, UNKNOWN: None}.get(kind, True)
         return Label(design, answer, f"answered {answer}", {"seconds": time.time(), **evidence})
+
+
+class Hangs(Slow):
+    """As Slow, but never answers for NOT, and says that its labels take ``timeout`` at most."""
+
+    timeout = 0.1
+
+    def label(self, design):
+        if design["kind"] == NOT:
+            ctypes.PyDLL(None).sleep(60)  # compiled code that never gives Python its turn
+        return super().label(design)
+
+
+class Timed:
+    """A source of the reduced space with settings, as the command line gives them."""
+
+    name = "timed"
+
+    def __init__(self, space, accuracy: float, growth: str = "isotropic", timeout: float = 60.0):
+        self.accuracy, self.timeout = accuracy, timeout
+        self.version = f"{accuracy!r}-{growth}-{timeout!r}"
+
+    def label(self, design):
+        time.sleep(0.01)
+        answer = None if design["E_ratio"] > 100 else bool(design["h_ratio"] > 1)
+        name = "timeout" if answer is None else "folds" if answer else "flat"
+        return Label(design, answer, f"{name} at {design['E_ratio']:.3f}", {"outcome": name})
 
 
 if __name__ == "__main__":
