@@ -64,7 +64,7 @@ class _OnCluster(Executor):
     def submit(self, fn, /, *args):
         if self._broken:
             raise BrokenExecutor("the connection to the scheduler is lost")
-        # Not pure: a label that is computed again is no answer from Dask's memory.
+        # Not pure: Dask would hash every argument to look for the answer among those it holds.
         remote = self._client.submit(fn, *args, pure=False)
         local = Future()
         local.add_done_callback(lambda _: remote.cancel() if local.cancelled() else None)

@@ -78,6 +78,29 @@ class Hangs(Slow):
         return super().label(design)
 
 
+class Threads(Slow):
+    """Says how many threads the numerical libraries would use."""
+
+    def label(self, design):
+        import numpy as np
+        import threadpoolctl
+
+        np.ones((2, 2)) @ np.ones((2, 2))
+        threads = max(library["num_threads"] for library in threadpoolctl.threadpool_info())
+        self.calls += 1
+        return Label(design, True, "", {"threads": threads, "calls": self.calls})
+
+
+class Counted(Slow):
+    """Counts how often it is pickled."""
+
+    pickled = 0
+
+    def __getstate__(self):
+        self.pickled += 1
+        return self.__dict__
+
+
 class Timed:
     """A source of the reduced space with settings, as the command line gives them."""
 

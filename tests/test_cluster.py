@@ -59,7 +59,7 @@ def test_a_worker_killed_mid_campaign_loses_nothing(tmp_path):
     killed = []
 
     def kill():
-        while not log.exists() or len(calls(log)) < 15:
+        while not log.exists() or len(calls(log)) < 40:
             time.sleep(0.01)
         killed.append(calls(log)[-1])
         os.kill(killed[0][1], signal.SIGKILL)
@@ -77,7 +77,7 @@ def test_a_worker_killed_mid_campaign_loses_nothing(tmp_path):
     again = [worker for x, worker in calls(log) if x == interrupted]
     assert len(again) == 2 and again[0] == pid != again[1]
     # What had its label before is not computed again.
-    assert 61 <= len(calls(log)) < 60 + 8
+    assert 61 <= len(calls(log)) <= 64
 
 
 def test_a_design_that_kills_its_workers_is_unknown_and_its_neighbours_are_not(tmp_path):
