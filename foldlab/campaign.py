@@ -7,6 +7,7 @@ completes, and running again computes what is missing.
 from __future__ import annotations
 
 import asyncio
+import math
 import time
 from collections import Counter, deque
 from collections.abc import Callable, Iterable, Mapping
@@ -243,7 +244,7 @@ def _pooled(source, waiting: deque[str], book: _Book, workers: int, in_flight) -
 
 def _limit(source) -> float | None:
     timeout = getattr(source, "timeout", None)
-    return None if timeout is None else 2 * float(timeout) + GRACE
+    return None if timeout in (None, math.inf) else 2 * timeout + GRACE
 
 
 def _probe(executor: Executor, count: int, parcel: worker.Parcel) -> None:

@@ -65,3 +65,10 @@ def test_a_computation_that_hangs_is_ended(tmp_path, monkeypatch, foreign):
 def test_nothing_is_ended_in_the_process_that_asks():
     parcel = worker.Parcel(Slow(seconds=0.2), limit=0.01)
     assert worker.attempt(parcel, {"x": 1.0, "kind": FOLDS}).foldable is True
+
+
+def test_a_source_without_an_end_has_no_limit(tmp_path):
+    endless = Slow()
+    endless.timeout = float("inf")
+    report, _ = run([FOLDS, NOT], tmp_path / "s.db", endless, workers=1)
+    assert (report.folds, report.not_folds) == (1, 1)
