@@ -14,10 +14,10 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from foldlab.cli import emit, plain
 from foldlab.errors import InputError
 from foldlab.settings import build, read_settings
 from foldlab.tables import replace_file
+from foldlab.terminal import emit, plain
 from foldlab.tracking import Run, track
 
 OUT = Path("out")

@@ -7,7 +7,7 @@ completes, and running again computes what is missing.
 from __future__ import annotations
 
 import asyncio
-import re
+import math
 import time
 from collections import Counter, deque
 from collections.abc import Callable, Iterable, Mapping
@@ -19,7 +19,7 @@ from concurrent.futures import (
     Future,
     wait,
 )
-from contextlib import contextmanager, nullcontext
+from contextlib import nullcontext
 from dataclasses import asdict, dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -29,11 +29,13 @@ import pandas as pd
 
 from foldlab import worker
 from foldlab.errors import InputError
-from foldlab.labels import Label, LabelSource, LabelStore, design_key
+from foldlab.labels import Label, LabelSource, LabelStore, design_key, reason_class
+from foldlab.progress import progress_bar
 
 CHUNK = 5000  # designs per commit of a source that is a formula
 FOREIGN_IN_FLIGHT = 128  # submissions that wait at an executor whose size we do not know
 PATIENCE = 10  # seconds without a label before we look whether the executor still lives
+GRACE = 30  # seconds beyond twice a source's own timeout, after which its process is ended
 IDLE_BREAKS = 3  # pools that may break one after another with no design in them
 
 
@@ -43,7 +45,7 @@ class CampaignReport:
 
     ``requested`` = ``already_there`` + ``computed`` + those still missing; ``folds``, ``not_folds``
     and ``unknown`` count the labels in the store for this request, old and new. ``reasons`` counts
-    the unknowns by reason, words with digits masked as "#". ``rate`` is computed labels per second,
+    the unknowns by :func:`foldlab.labels.reason_class`. ``rate`` is computed labels per second,
     ``seconds`` the wall time, ``outcome`` one sentence; ``complete``: every design has its label.
     """
 
@@ -63,7 +65,18 @@ class CampaignReport:
     outcome: str
 
     def as_dict(self) -> dict[str, Any]:
-        return asdict(self)
+        """Plain values: ``labels`` are those in the store for this request, and the sum of
+        ``folds``, ``not`` and ``unknown``; ``labels_per_second`` is the rate."""
+        values = asdict(self)
+        folds, others, unknown = (values.pop(n) for n in ("folds", "not_folds", "unknown"))
+        return {
+            "labels": folds + others + unknown,
+            "folds": folds,
+            "not": others,
+            "unknown": unknown,
+            "labels_per_second": values.pop("rate"),
+            **values,
+        }
 
 
 def run_campaign(
@@ -87,9 +100,11 @@ def run_campaign(
     ended unknown. ``progress`` draws a bar on stderr.
 
     A source that raises or returns no label, or whose worker process dies, makes an unknown label
-    with that reason. An executor that breaks ends the campaign early; the report says so. Ctrl-C
-    is raised again after what completed is committed. Raises :class:`InputError`, with nothing
-    written, for bad designs, a source that the workers can't take, or workers that can't start.
+    with that reason; so does one that has a ``timeout`` (seconds) and hangs far beyond it, unless
+    it runs in this process. An executor that breaks ends the campaign early; the report says so.
+    Ctrl-C is raised again after what completed is committed. Raises :class:`InputError`, with
+    nothing written, for bad designs, a source that the workers can't take, or workers that can't
+    start.
     """
     started = time.perf_counter()
     if workers < 1 or (in_flight is not None and in_flight < 1):
@@ -105,7 +120,7 @@ def run_campaign(
         stopped = ""
         if missing:
             waiting = deque(missing)
-            with _progress_bar(book, source.name, len(missing), progress):
+            with progress_bar(book, len(missing)) if progress else nullcontext():
                 if hasattr(source, "label_many"):
                     _formula(source, waiting, book)
                 elif executor is not None:
@@ -153,14 +168,13 @@ class _Book:
         self.store.add_many(labels)
         self.computed += len(labels)
         for label in labels:
-            self.count(label.foldable, label.reason)
+            self.count(label.foldable, reason_class(label.reason, label.evidence.get("outcome")))
         self.on_commit()
 
     def count(self, foldable: bool | None, reason: str | None) -> None:
         self.verdicts[foldable] += 1
         if foldable is None:
-            # Reasons that differ in a figure, an address or a task's name count as one.
-            self.reasons[re.sub(r"[\w.:/+-]*\d[\w.:/+-]*", "#", reason or "")] += 1
+            self.reasons[reason or ""] += 1
 
 
 def _formula(source, waiting: deque[str], book: _Book) -> None:
@@ -183,14 +197,18 @@ def _formula(source, waiting: deque[str], book: _Book) -> None:
 
 
 def _foreign(source, waiting: deque[str], book: _Book, executor: Executor, in_flight) -> str:
-    _probe(executor, 1, worker.ready, source)
+    parcel = worker.Parcel(source, _limit(source))
+    _probe(executor, 1, parcel)
     book.begin()
     running: dict[Future, str] = {}
-    call = partial(executor.submit, worker.attempt, source)
+    suspects: list[str] = []
+    call = partial(executor.submit, worker.attempt, parcel)
+    at_once = in_flight or FOREIGN_IN_FLIGHT
     try:
-        lost, broken = _drain(
-            executor, call, waiting, running, book, in_flight or FOREIGN_IN_FLIGHT
-        )
+        lost, broken = _drain(executor, call, waiting, running, book, at_once, suspects)
+        if suspects and not (lost or broken):
+            # A design that kills its worker takes those down that wait beside it: one at a time.
+            lost, broken = _drain(executor, call, deque(suspects), running, book, 1)
     finally:
         for future in running:
             future.cancel()
@@ -198,14 +216,15 @@ def _foreign(source, waiting: deque[str], book: _Book, executor: Executor, in_fl
 
 
 def _pooled(source, waiting: deque[str], book: _Book, workers: int, in_flight) -> str:
-    pickled = worker.pickled(source)
+    parcel = worker.Parcel(source, _limit(source))
+    parcel.pickled()
     begun, idle = False, 0
     while waiting:
         size = min(workers, len(waiting))
         with worker.pool(size) as pool:
             try:
                 # One per worker: a pool that starts a process while another dies may hang.
-                _probe(pool, size, worker.ready_pickled, pickled)
+                _probe(pool, size, parcel)
             except InputError as error:
                 if begun:
                     return str(error)
@@ -213,20 +232,25 @@ def _pooled(source, waiting: deque[str], book: _Book, workers: int, in_flight) -
             if not begun:
                 book.begin()
                 begun = True
-            call = partial(pool.submit, worker.attempt_pickled, pickled)
+            call = partial(pool.submit, worker.attempt, parcel)
             lost, broken = _drain(pool, call, waiting, {}, book, in_flight or 2 * workers)
         for key in lost:
-            book.commit([(key, worker.alone(pickled, book.designs[key]))])
+            book.commit([(key, worker.alone(parcel, book.designs[key]))])
         idle = idle + 1 if broken and not lost else 0
         if idle >= IDLE_BREAKS:
             return f"worker processes die before they get a design ({worker.sentence(broken)})"
     return ""
 
 
-def _probe(executor: Executor, count: int, ready: Callable, source) -> None:
+def _limit(source) -> float | None:
+    timeout = getattr(source, "timeout", None)
+    return None if timeout in (None, math.inf) else 2 * timeout + GRACE
+
+
+def _probe(executor: Executor, count: int, parcel: worker.Parcel) -> None:
     """See that workers start and can take the source, before anything is written."""
     try:
-        for future in [executor.submit(ready, source) for _ in range(count)]:
+        for future in [executor.submit(worker.ready, parcel) for _ in range(count)]:
             future.result()
     except BrokenExecutor as error:
         raise InputError(
@@ -247,17 +271,24 @@ def _drain(
     running: dict[Future, str],
     book: _Book,
     in_flight: int,
+    suspects: list[str] | None = None,
 ) -> tuple[list[str], BaseException | None]:
     """Submit and commit until none waits or the executor breaks.
 
     Returns the keys whose computation broke with it, and the error. Keys leave ``waiting`` when
-    they are submitted, and ``running`` only after their commit: an interrupt loses nothing.
+    they are submitted, and ``running`` only after their commit: an interrupt loses nothing. Designs
+    that an executor gave up because their workers died go to ``suspects``, where there is such a
+    list, instead of into the store.
     """
     lost: list[str] = []
     broken: BaseException | None = None
 
+    def suspect(f: Future) -> bool:
+        return suspects is not None and not f.cancelled() and worker.killed(f.exception())
+
     def commit(done: Iterable[Future]) -> None:
-        answers = [(running[f], _answer(f, book.designs[running[f]])) for f in done]
+        kept = [f for f in done if not suspect(f)]
+        answers = [(running[f], _answer(f, book.designs[running[f]])) for f in kept]
         book.commit((key, label) for key, label in answers if label is not None)
 
     try:
@@ -278,7 +309,9 @@ def _drain(
             commit(done)
             for future in done:
                 key = running.pop(future)
-                if _answer(future, book.designs[key]) is None:
+                if suspect(future):
+                    suspects.append(key)
+                elif _answer(future, book.designs[key]) is None:
                     lost.append(key)
                     broken = CancelledError() if future.cancelled() else future.exception()
     except KeyboardInterrupt:
@@ -326,40 +359,3 @@ def _report(book: _Book, rows: int, there: int, stopped: str, started: float) ->
         complete=labelled == requested,
         outcome=outcome,
     )
-
-
-@contextmanager
-def _progress_bar(book: _Book, name: str, total: int, shown: bool):
-    if not shown:
-        yield
-        return
-    # Worker processes import this module and draw nothing.
-    from rich.console import Console
-    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn
-    from rich.progress import TimeRemainingColumn as TimeLeft
-
-    class Bar(Progress):
-        def get_renderables(self):
-            yield self.make_tasks_table(self.tasks)
-            for reason, count in book.reasons.most_common(5):
-                yield f"  {count} unknown: {reason[:200]}"
-
-    columns = (
-        TextColumn("{task.description}", markup=False),
-        BarColumn(),
-        MofNCompleteColumn(),
-        TextColumn("{task.fields[news]}", markup=False),
-        TimeLeft(),
-    )
-    begun = time.perf_counter()
-    with Bar(*columns, console=Console(stderr=True, markup=False, highlight=False)) as bar:
-        task = bar.add_task(f"labels: {name}", total=total, news="")
-
-        def update():
-            rate = book.computed / (time.perf_counter() - begun)
-            folds, unknown = book.verdicts[True], book.verdicts[None]
-            news = f"{rate:.3g}/s, {folds} fold, {unknown} unknown"
-            bar.update(task, completed=book.computed, news=news)
-
-        book.on_commit = update
-        yield

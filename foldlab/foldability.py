@@ -144,25 +144,38 @@ def verdict(
 
     if all(tags.values()):
         if closed:
-            return True, "folds", (
-                f"folds through a full turn at {100 * last['contraction']:.3g} % contraction, "
-                "where the panels meet; it was not followed beyond"
+            return (
+                True,
+                "folds",
+                (
+                    f"folds through a full turn at {100 * last['contraction']:.3g} % contraction, "
+                    "where the panels meet; it was not followed beyond"
+                ),
             )
-        return True, "folds", (
-            f"folds by {last['m1']:.3g} rad, more than the {need:.3g} rad that count as folded, "
-            "and is stable there"
+        return (
+            True,
+            "folds",
+            (
+                f"folds by {last['m1']:.3g} rad, more than the {need:.3g} rad that count as folded, "
+                "and is stable there"
+            ),
         )
     if closed and last["m2"] > last["m1"]:
-        return False, "curled", (
-            "the hinge rolled up about the other axis through a full turn at "
-            f"{100 * last['contraction']:.3g} % contraction"
+        return (
+            False,
+            "curled",
+            (
+                "the hinge rolled up about the other axis through a full turn at "
+                f"{100 * last['contraction']:.3g} % contraction"
+            ),
         )
     if not tags["F1"]:
         gamma = design.get("stiffness_to_weight")
         if "tip" in last and "lift-off" not in when:
             least = lift_off_stiffness(design)
             advice = (
-                f"lift-off needs Γ ≥ {least:.2g} here, Γ is {gamma:.2g}" if least > gamma
+                f"lift-off needs Γ ≥ {least:.2g} here, Γ is {gamma:.2g}"
+                if least > gamma
                 else f"they sag, and the hinge turns by only {last['hinge']:.2g} rad"
             )
             return False, "grounded", f"panels never left the ground: {advice}"
@@ -170,12 +183,18 @@ def verdict(
             return False, "curled", f"the hinge curled about the other axis {percent('curling')}"
         sags = "tip" in last and last["hinge"] > need
         if sags:
-            return False, "sags", (
-                f"the hinge turns by {last['hinge']:.3g} rad, but the panels sag and leave "
-                f"{last['m1']:.3g} rad of the {need:.3g} rad needed"
+            return (
+                False,
+                "sags",
+                (
+                    f"the hinge turns by {last['hinge']:.3g} rad, but the panels sag and leave "
+                    f"{last['m1']:.3g} rad of the {need:.3g} rad needed"
+                ),
             )
-        return False, "too_little", (
-            f"the fold ends at {last['m1']:.3g} rad, short of the {need:.3g} rad needed"
+        return (
+            False,
+            "too_little",
+            (f"the fold ends at {last['m1']:.3g} rad, short of the {need:.3g} rad needed"),
         )
     if not tags["F2"]:
         return False, "curled", f"the hinge curled about the other axis {percent('curling')}"

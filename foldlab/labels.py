@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import json
 import math
+import re
 import sqlite3
 from collections.abc import Iterable, Mapping
 from contextlib import contextmanager
@@ -30,7 +31,8 @@ class Label:
     """The answer to "does this design fold?", with the reason and the evidence.
 
     ``foldable`` is None where the source could not tell; ``reason`` is one sentence either way.
-    ``evidence`` holds plain JSON values: angle (rad), error estimate, margin, seconds, …
+    ``evidence`` holds plain JSON values: angle (rad), error estimate, margin, seconds, …, and
+    ``outcome``, a short name such as "folds", "curled" or "timeout", where a source has such names.
     """
 
     design: Mapping[str, float]
@@ -46,7 +48,8 @@ class LabelSource(Protocol):
     """Turns a design into a label. ``name`` and ``version`` identify the rows in the store.
 
     A source that is a formula also has ``label_many(designs: DataFrame) -> list[Label]``.
-    Sources are pickled to worker processes.
+    Sources are pickled to worker processes. A source that ends its labels by itself after a time
+    says so in ``timeout`` (seconds); a worker process that hangs far beyond it is ended.
     """
 
     name: str
@@ -84,6 +87,17 @@ def _exact(design: Mapping[str, float]) -> dict[str, float]:
 @lru_cache(maxsize=1024)
 def _quoted(name: str) -> str:
     return json.dumps(name)
+
+
+def reason_class(reason: str, outcome: Any = None) -> str:
+    """What labels are counted by: the ``outcome`` of their evidence, or else the reason.
+
+    Words with digits are masked as "#": reasons that differ in a figure, an address or a task's
+    name count as one.
+    """
+    if isinstance(outcome, str) and outcome:
+        return outcome
+    return re.sub(r"[\w.:/+-]*\d[\w.:/+-]*", "#", reason)
 
 
 def storable(label: Label) -> Label:
@@ -217,14 +231,15 @@ class LabelStore:
         self.mode = "closed"
 
     def known(self, source: str, version: str) -> dict[str, tuple[bool | None, str | None]]:
-        """The labels that are there: ``{design_key: (foldable, reason if unknown)}``."""
+        """The labels that are there: ``{design_key: (foldable, reason class if unknown)}``."""
         query = (
-            "SELECT key, foldable, CASE WHEN foldable IS NULL THEN reason END FROM label "
+            "SELECT key, foldable, CASE WHEN foldable IS NULL THEN reason END, "
+            "CASE WHEN foldable IS NULL THEN json_extract(evidence, '$.outcome') END FROM label "
             "JOIN design ON design.id = label.design WHERE source = ? AND version = ?"
         )
         return {
-            key: (_verdict(foldable), reason)
-            for key, foldable, reason in self._read(query, (source, version))
+            key: (_verdict(foldable), None if reason is None else reason_class(reason, outcome))
+            for key, foldable, reason, outcome in self._read(query, (source, version))
         }
 
     def register(self, keys: Iterable[str]) -> None:

@@ -19,6 +19,7 @@ from sklearn.model_selection import FixedThresholdClassifier
 
 from foldlab.classify import CONFIDENCE, as_labels, clopper_pearson, score, upper_bound
 from foldlab.errors import InputError
+from foldlab.regimes import probability_of_folding
 
 
 @dataclass(frozen=True)
@@ -63,7 +64,7 @@ def choose_threshold(model, X, y, *, rate: float, confidence: float = CONFIDENCE
     """
     _check_rate(rate, confidence)
     y = as_labels(y)
-    probability = probability_of_folding(model, X, y)
+    probability = _probability(model, X, y)
     negatives = np.sort(probability[~y])[::-1]
     needed = negatives_needed(rate, confidence=confidence)
     if len(negatives) < needed:
@@ -119,7 +120,7 @@ def threshold_curve(model, X, y, *, points: int = 200) -> pd.DataFrame:
     where errors are.
     """
     y = as_labels(y)
-    probability = probability_of_folding(model, X, y)
+    probability = _probability(model, X, y)
     if y.all() or not y.any():
         raise InputError("the labels hold one class only; a trade-off needs designs of both")
     # Errors sit in the upper tail of the negatives and the lower tail of the positives.
@@ -227,11 +228,10 @@ def plot_trade_off(
     return figure
 
 
-def probability_of_folding(model, X, y=None) -> np.ndarray:
-    """P(folds) of each design, shape (n,); checks the number of labels where ``y`` is given."""
-    if y is not None and (len(X) != len(y) or len(y) == 0):
+def _probability(model, X, y) -> np.ndarray:
+    if len(X) != len(y) or len(y) == 0:
         raise InputError(f"{len(X)} designs and {len(y)} labels; expected one label per design")
-    return np.asarray(model.predict_proba(X))[:, 1]
+    return probability_of_folding(model, X)
 
 
 def _most_false_positives(n: int, rate: float, confidence: float) -> int:

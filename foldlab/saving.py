@@ -16,7 +16,6 @@ import shutil
 import tempfile
 from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass
-from importlib import metadata
 from pathlib import Path
 from typing import Any
 
@@ -345,46 +344,6 @@ def _put(fresh: Path, target: Path) -> None:
         raise
     finally:
         shutil.rmtree(old, ignore_errors=True)
-
-
-def log_to_mlflow(mlflow, name: str, model, example) -> None:
-    """Log a fitted classifier to the active MLflow run, with signature and input example.
-
-    Networks are exported with torch.export and answer with log-odds, other models go through skops
-    and answer with classes; the folder of :func:`save_model` lies beside either under ``models``.
-    """
-    inner = model.estimator_ if isinstance(model, FixedThresholdClassifier) else model
-    with tempfile.TemporaryDirectory() as folder:
-        save_model(model, Path(folder) / name)
-        mlflow.log_artifacts(folder, "models")
-    if _is_formula(inner):
-        return
-    if _is_network(inner):
-        array = example.to_numpy()
-        answers = inner.decision_function(example)
-        mlflow.pytorch.log_model(
-            inner.module_.eval(),
-            name=name,
-            serialization_format="pt2",
-            input_example=array,
-            signature=mlflow.models.infer_signature(array, answers),
-            pip_requirements=_requirements("torch"),
-        )
-        return
-    mlflow.sklearn.log_model(
-        inner,
-        name=name,
-        serialization_format="skops",
-        skops_trusted_types=sorted(TRUSTED),
-        input_example=example,
-        signature=mlflow.models.infer_signature(example, model.predict(example)),
-        pip_requirements=_requirements("scikit-learn", "skops"),
-    )
-
-
-def _requirements(*packages: str) -> list[str]:
-    # Given outright: MLflow would otherwise load the model in a new process to find them.
-    return [f"{name}=={metadata.version(name)}" for name in (*packages, "numpy", "foldlab")]
 
 
 def _digest(path: Path) -> str:

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import dataclasses
+import inspect
 import tomllib
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, get_type_hints
 
 from pydantic import TypeAdapter, ValidationError
 
@@ -60,8 +61,31 @@ def build(cls: type, settings: dict[str, Any], **fixed: Any):
     except ValidationError as error:
         first = error.errors()[0]
         where = ".".join(str(part) for part in first["loc"]) or cls.__name__
-        reason = first["msg"].removeprefix("Value error, ")
-        raise InputError(f"{where} = {first['input']!r}: {reason}") from None
+        raise InputError(f"{where} = {first['input']!r}: {_reason(error)}") from None
+
+
+def call(cls: type, settings: Mapping[str, Any], *, what: str, **fixed: Any):
+    """``cls(**settings, **fixed)``, the settings checked and converted as its constructor says.
+
+    ``what`` names it in messages. Raises :class:`InputError` for a setting that it lacks or that
+    is not the user's to give, and for a value of a wrong type.
+    """
+    parameters = inspect.signature(cls).parameters
+    names = [name for name in parameters if name not in fixed]
+    needed = [name for name in names if parameters[name].default is inspect.Parameter.empty]
+    missing = [name for name in needed if name not in settings]
+    hints = get_type_hints(cls.__init__)
+    values = {}
+    for name, value in settings.items():
+        if name not in names:
+            raise InputError(f"{what} has no setting {name!r}; it has: {', '.join(names)}")
+        try:
+            values[name] = TypeAdapter(hints.get(name, Any)).validate_python(value)
+        except ValidationError as error:
+            raise InputError(f"{name} = {value!r}: {_reason(error)}") from None
+    if missing:
+        raise InputError(f"{what} needs {', '.join(missing)}; add --set {missing[0]}=…")
+    return cls(**values, **fixed)
 
 
 def numbers(settings: dict[str, Any]) -> dict[str, float]:
@@ -70,3 +94,7 @@ def numbers(settings: dict[str, Any]) -> dict[str, float]:
         if isinstance(value, bool) or not isinstance(value, int | float):
             raise InputError(f"{name} = {value!r}; expected a number")
     return {name: float(value) for name, value in settings.items()}
+
+
+def _reason(error: ValidationError) -> str:
+    return error.errors()[0]["msg"].removeprefix("Value error, ")

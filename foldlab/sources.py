@@ -1,12 +1,12 @@
-"""Label sources. The only foldlab file that may import ``solver``."""
+"""Label sources. The only foldlab file that may import ``solver``, and only when it is asked for."""
 
 from __future__ import annotations
 
-import inspect
 import resource
 import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 import pandas as pd
@@ -15,7 +15,10 @@ from foldlab import foldability, timoshenko
 from foldlab.design import FULL, REDUCED, DesignSpace
 from foldlab.errors import InputError
 from foldlab.labels import Label
-from solver.cases import folding_unit, unit_path
+from foldlab.settings import call
+
+if TYPE_CHECKING:
+    from solver.cases.unit_path import Folding, State
 
 
 class TimoshenkoSource:
@@ -97,15 +100,14 @@ class Run:
     ``tip`` and ``lowest`` (heights over h_s). ``closed``: whether it ended at a full turn.
     """
 
-    folding: unit_path.Folding
+    folding: Folding
     history: list[dict[str, float]]
     closed: bool
 
     @property
     def settled(self) -> bool:
         """Whether it ended in a stable state that answers the question."""
-        ending = self.folding.ending
-        return ending is unit_path.Ending.REACHED or self.closed
+        return self.folding.ending.name == "REACHED" or self.closed
 
     @property
     def measures(self) -> dict[str, float]:
@@ -131,10 +133,11 @@ class SolverSource:
 
     def __init__(
         self,
+        space: DesignSpace = FULL,
         accuracy: float = 0.02,
-        effects: str = "gravity,ground",
-        growth: str = "uniaxial",
-        question: str = "from_flat",
+        effects: Literal["gravity,ground", "none"] = "gravity,ground",
+        growth: Literal["uniaxial", "isotropic"] = "uniaxial",
+        question: Literal["from_flat", "exists"] = "from_flat",
         upright: bool = True,
         timeout: float = 60.0,
         seed: int | None = None,
@@ -145,7 +148,9 @@ class SolverSource:
         if question not in ("from_flat", "exists"):
             raise InputError(f"question {question!r}; expected 'from_flat' or 'exists'")
         if question == "exists" and growth != "isotropic":
-            raise InputError("question 'exists' is about isotropic contraction; set growth=isotropic")
+            raise InputError(
+                "question 'exists' is about isotropic contraction; set growth=isotropic"
+            )
         if effects not in ("none", "gravity,ground"):
             raise InputError(
                 f"effects {effects!r}; expected 'none' or 'gravity,ground': weight and ground come "
@@ -154,6 +159,11 @@ class SolverSource:
         for name, value in (("accuracy", accuracy), ("timeout", timeout)):
             if not (np.isfinite(value) and value > 0):
                 raise InputError(f"{name} = {value!r}; expected a finite number above 0")
+        if space.name != "full":
+            raise InputError(
+                f"the solver needs a whole unit, and space {space.name!r} has only "
+                f"{', '.join(space.names)}; sample with --space full"
+            )
         self.space = FULL
         self.accuracy, self.effects, self.growth = float(accuracy), effects, growth
         self.question, self.upright, self.timeout = question, bool(upright), float(timeout)
@@ -179,7 +189,7 @@ class SolverSource:
             if runs and (left < 4 * runs[-1].folding.seconds or left <= 0):
                 break
             runs.append(self.run(groups, level, deadline=start + self.timeout))
-            if not runs[-1].settled and runs[-1].folding.ending is unit_path.Ending.TIMEOUT:
+            if runs[-1].folding.ending.name == "TIMEOUT":
                 break
             if len(runs) > 1 and _error(runs[-2:], groups) <= self.accuracy:
                 break
@@ -197,13 +207,15 @@ class SolverSource:
 
         Raises :class:`InputError` for a design that is no unit.
         """
+        from solver.cases import folding_unit, unit_path
+
         try:
             unit = folding_unit.Unit(**{k: float(v) for k, v in design.items()})
         except (TypeError, ValueError) as error:
             raise InputError(f"the design is no folding unit: {error}") from error
         history: list[dict[str, float]] = []
 
-        def closed(state: unit_path.State) -> bool:
+        def closed(state: State) -> bool:
             m = foldability.measure(state.curves, unit.hinge_length)
             row = {"contraction": state.e * unit.contraction, **vars(m)}
             row["unstable"] = state.unstable
@@ -220,7 +232,7 @@ class SolverSource:
         model = folding_unit.build(unit, level, growth=growth, **options)
         noise = None if self.seed is None else (1e-3, self.seed)
         folding = unit_path.fold(model, stop=closed, noise=noise, on_state=on_state)
-        if self.question == "exists" and folding.ending is unit_path.Ending.REACHED:
+        if self.question == "exists" and folding.ending.name == "REACHED":
             before = len(history)
             options["mirrors"] = folding.model.mirrors
             u = folding.model.scene.displacement(folding.x, 1.0)
@@ -230,7 +242,7 @@ class SolverSource:
             )
             for row in history[before:]:
                 row["contraction"] = unit.contraction
-        return Run(folding, history, folding.ending is unit_path.Ending.STOPPED)
+        return Run(folding, history, folding.ending.name == "STOPPED")
 
     def _judge(self, design, runs: list[Run], seconds: float) -> Label:
         run, thresholds = runs[-1], foldability.Thresholds()
@@ -322,14 +334,12 @@ def _crushing(design: Mapping[str, float]) -> float:
 SOURCES = {"timoshenko": TimoshenkoSource, "solver": SolverSource}
 
 
-def make_source(name: str, **options):
-    """A label source by name; raises :class:`InputError` for an unknown one or unknown options."""
+def make_source(name: str, settings: Mapping[str, Any] | None = None, **fixed):
+    """A label source by name, with a user's ``settings`` checked against its types.
+
+    ``fixed`` is what the program gives, such as the space. Raises :class:`InputError` for an
+    unknown source, unknown settings or values of a wrong type.
+    """
     if name not in SOURCES:
         raise InputError(f"no label source {name!r}; there are: {', '.join(SOURCES)}")
-    known = list(inspect.signature(SOURCES[name]).parameters)
-    for option in options:
-        if option not in known:
-            raise InputError(
-                f"source {name!r} has no setting {option!r}; it has: {', '.join(known)}"
-            )
-    return SOURCES[name](**options)
+    return call(SOURCES[name], settings or {}, what=f"source {name!r}", **fixed)

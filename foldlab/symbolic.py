@@ -20,6 +20,7 @@ from __future__ import annotations
 import keyword
 import math
 import time
+from itertools import product
 
 import numpy as np
 import pandas as pd
@@ -39,7 +40,8 @@ from foldlab.timoshenko import FULL_TURN
 __all__ = ["Constraints", "SymbolicClassifier", "SymbolicRegressor"]
 
 _SEARCH_SHARE = 0.85  # of the seconds; the rest is for refitting constants
-_GUARDS = 2048  # points of the training box at which a formula must be defined
+_GUARDS = 2048  # points of the box at which a formula must be defined
+_CORNERS = 10  # dimensions up to which every corner of the box is one of the guards
 _WORST_LOG = 20.0
 _REFIT_STEPS = 12  # Levenberg–Marquardt; the engine has tuned the constants before
 
@@ -51,6 +53,7 @@ class SymbolicRegressor(RegressorMixin, BaseEstimator):
     ----------
     space
         Names the inputs: designs are frames with its groups as columns (other columns ignored).
+        A formula is then defined in the whole space, and not only where the training rows are.
         Without it, the columns of X (an array's are ``x0``, ``x1``, …).
     engine
         ``'operon'`` or ``'pysr'`` (needs Julia).
@@ -117,7 +120,7 @@ class SymbolicRegressor(RegressorMixin, BaseEstimator):
         candidates = ENGINES[self.engine](
             X, wanted, self.inputs_, limits, self.log_target, start + _SEARCH_SHARE * limits.seconds
         )
-        guards = _guard_points(X, limits.seed)
+        guards = _guard_points(*self._box(X), limits.seed)
         rows = []
         for tree in candidates:
             if rows and time.monotonic() > end:
@@ -146,7 +149,7 @@ class SymbolicRegressor(RegressorMixin, BaseEstimator):
             row = int(np.argmin(np.isfinite(values)))
             raise InputError(
                 f"the formula {self.formula_} is not defined in row {row}; "
-                "stay inside the box of the training designs, or train on more of it"
+                "stay inside the space and the box of the training designs, or train on more of it"
             )
         return values
 
@@ -162,6 +165,15 @@ class SymbolicRegressor(RegressorMixin, BaseEstimator):
                 f"{', '.join(self.space.names)}"
             )
         return self.space.validate(pd.DataFrame(array, columns=self.space.names), bounds=False)
+
+    def _box(self, X) -> tuple[np.ndarray, np.ndarray]:
+        low, high = X.min(axis=0), X.max(axis=0)
+        if self.space is None:
+            return low, high
+        return (
+            np.minimum(low, [p.low for p in self.space]),
+            np.maximum(high, [p.high for p in self.space]),
+        )
 
     def _names(self) -> tuple[str, ...]:
         names = [str(n) for n in getattr(self, "feature_names_in_", [])]
@@ -329,17 +341,20 @@ def refit(tree: Tree, X, y, inputs, log_target: bool) -> tuple[Tree, float]:
     return fm.with_constants(tree, found), error
 
 
-def _guard_points(X, seed: int) -> np.ndarray:
-    """Points of the box that the training rows span, log-uniform where all values are positive."""
-    low, high = X.min(axis=0), X.max(axis=0)
-    unit = qmc.LatinHypercube(d=X.shape[1], rng=seed).random(_GUARDS)
+def _guard_points(low, high, seed: int) -> np.ndarray:
+    """Points of a box and its corners; inside, log-uniform where all values are positive."""
+    unit = qmc.LatinHypercube(d=len(low), rng=seed).random(_GUARDS)
     columns = []
     for k, u in enumerate(unit.T):
         if low[k] > 0:
             columns.append(np.exp(np.log(low[k]) + u * np.log(high[k] / low[k])))
         else:
             columns.append(low[k] + u * (high[k] - low[k]))
-    return np.column_stack(columns)
+    if len(low) <= _CORNERS:
+        upper = np.array(list(product((False, True), repeat=len(low))))
+    else:
+        upper = unit > 0.5
+    return np.vstack([np.column_stack(columns), np.where(upper, high, low)])
 
 
 def _front(rows: list[tuple]) -> pd.DataFrame:

@@ -10,10 +10,12 @@ import logging
 import math
 import os
 import subprocess
+import tempfile
 import time
 import warnings
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
+from importlib import metadata
 from pathlib import Path
 from typing import Any
 
@@ -51,11 +53,48 @@ class Run:
     def model(self, name: str, classifier, example: pd.DataFrame) -> None:
         """Log a fitted classifier with its signature and an input example (a few designs).
 
-        Networks go through torch.export, the others through skops; neither is a bare pickle.
+        Networks are exported with torch.export and answer with log-odds, other models go through
+        skops and answer with classes; neither is a bare pickle. The folder of
+        :func:`foldlab.saving.save_model` lies beside either under ``models``, for a formula alone.
         """
+        from sklearn.model_selection import FixedThresholdClassifier
+
         from foldlab import saving
 
-        saving.log_to_mlflow(self._mlflow, name, classifier, example)
+        with tempfile.TemporaryDirectory() as folder:
+            saved = saving.save_model(classifier, Path(folder) / name)
+            kind = saving.read_card(saved)["kind"]
+            self._mlflow.log_artifacts(folder, "models")
+        inner = classifier
+        if isinstance(classifier, FixedThresholdClassifier):
+            inner = classifier.estimator_
+        if kind == "network":
+            self._log_network(name, inner, example.to_numpy(), inner.decision_function(example))
+        elif kind == "sklearn":
+            self._mlflow.sklearn.log_model(
+                inner,
+                name=name,
+                serialization_format="skops",
+                skops_trusted_types=sorted(saving.TRUSTED),
+                input_example=example,
+                signature=self._mlflow.models.infer_signature(example, classifier.predict(example)),
+                pip_requirements=_requirements("scikit-learn", "skops"),
+            )
+
+    def _log_network(self, name: str, network, designs, answers) -> None:
+        self._mlflow.pytorch.log_model(
+            network.module_.eval(),
+            name=name,
+            serialization_format="pt2",
+            input_example=designs,
+            signature=self._mlflow.models.infer_signature(designs, answers),
+            pip_requirements=_requirements("torch"),
+        )
+
+
+def _requirements(*packages: str) -> list[str]:
+    # Given outright: MLflow would otherwise load the model in a new process to find them.
+    return [f"{name}=={metadata.version(name)}" for name in (*packages, "numpy", "foldlab")]
 
 
 @contextmanager

@@ -5,9 +5,12 @@ Only labels in plain values come back: a source's exceptions and odd results may
 
 from __future__ import annotations
 
+import faulthandler
 import os
 import pickle
+import platform
 import signal
+import sys
 import threading
 import time
 import traceback
@@ -24,14 +27,83 @@ from foldlab.labels import Label, design_key, storable
 LONGEST_MESSAGE = 500  # characters of an exception's message that a reason keeps
 
 
-def ready(source) -> bool:
+class Parcel:
+    """A source on its way to workers: pickled once, unpickled once in each process that uses it.
+
+    ``limit``: seconds after which a process that still computes one label ends itself, None for no
+    limit; it does not hold in the process where the parcel was made.
+    """
+
+    def __init__(self, source, limit: float | None = None):
+        self._source, self.limit, self._home = source, limit, _here()
+        self._bytes: bytes | None = None
+
+    @property
+    def away(self) -> bool:
+        return self._home != _here()
+
+    @property
+    def source(self):
+        # Not on arrival: Dask's scheduler unpacks what it passes on, and may lack the source.
+        if self._source is None:
+            self._source = _unpickled(self._bytes, self.away)
+        return self._source
+
+    def pickled(self) -> bytes:
+        if self._bytes is None:
+            try:
+                self._bytes = pickle.dumps(self._source)
+            except Exception as error:
+                raise InputError(
+                    f"the label source can't be sent to worker processes ({sentence(error)}); "
+                    "define its class in a module and keep locks, files and lambdas out of it"
+                ) from None
+        return self._bytes
+
+    def __getstate__(self):
+        return {**self.__dict__, "_source": None, "_bytes": self.pickled()}
+
+
+@lru_cache(maxsize=1)
+def _unpickled(source: bytes, away: bool):
+    if not away:
+        return pickle.loads(source)
+    # Before, for the libraries that the source imports; after, for those that it has loaded.
+    one_thread()
+    unpickled = pickle.loads(source)
+    one_thread()
+    return unpickled
+
+
+def _here() -> str:
+    return f"{platform.node()} {os.getpid()}"
+
+
+def one_thread() -> None:
+    """One thread for the numerical libraries of this process: labels run side by side."""
+    import threadpoolctl
+
+    # The variables are for libraries that load later, the call for those that are loaded.
+    for name in ("OMP", "OPENBLAS", "MKL", "NUMEXPR", "NUMBA", "VECLIB_MAXIMUM"):
+        os.environ[f"{name}_NUM_THREADS"] = "1"
+    threadpoolctl.threadpool_limits(limits=1)
+
+
+def ready(parcel: Parcel) -> bool:
     """Answered by a worker that has taken the source."""
-    return source is not None
+    return parcel.source is not None
 
 
-def attempt(source, design: Mapping[str, float]) -> Label:
+def attempt(parcel: Parcel, design: Mapping[str, float]) -> Label:
     """The source's label, or an unknown one with the reason why there is none."""
-    return ask(source.label, design)
+    if parcel.limit is None or not parcel.away:
+        return ask(parcel.source.label, design)
+    # A thread of C, which ends the process even where compiled code never gives Python its turn.
+    faulthandler.dump_traceback_later(parcel.limit, exit=True, file=sys.__stderr__)
+    try:
+        return ask(parcel.source.label, design)
+    finally:
+        faulthandler.cancel_dump_traceback_later()
 
 
 def ask(function: Callable, design: Mapping[str, float]) -> Label:
@@ -59,11 +131,26 @@ def checked(label, design: Mapping[str, float]) -> Label:
 
 def failed(error: BaseException, design: Mapping[str, float], **evidence) -> Label:
     """The unknown label of a computation that raised."""
+    if killed(error):
+        tried = getattr(error, "allowed_failures", 0) + 1
+        return _died(design, f"on each of the {tried} workers that tried it")
     frames = traceback.extract_tb(error.__traceback__)
     if frames:
         last = frames[-1]
         evidence["raised_at"] = f"{Path(last.filename).name}:{last.lineno} in {last.name}"
     return Label(dict(design), None, sentence(error), evidence)
+
+
+def killed(error: BaseException | None) -> bool:
+    """Whether this is how Dask says that workers died, on this design or on a neighbour of it."""
+    return type(error).__name__ == "KilledWorker"
+
+
+def _died(design: Mapping[str, float], how: str) -> Label:
+    reason = (
+        f"the worker process died on this design, {how}: out of memory, or a crash in compiled code"
+    )
+    return Label(dict(design), None, reason, {"outcome": "worker_died"})
 
 
 def sentence(error: BaseException | None) -> str:
@@ -73,28 +160,6 @@ def sentence(error: BaseException | None) -> str:
     except Exception:
         message = "its message can't be read"
     return f"{type(error).__name__}: {message}" if message else type(error).__name__
-
-
-def pickled(source) -> bytes:
-    """The source as it travels to our own workers, which unpickle it once and then keep it."""
-    try:
-        return pickle.dumps(source)
-    except Exception as error:
-        raise InputError(
-            f"the label source can't be sent to worker processes ({sentence(error)}); define its "
-            "class in a module and keep locks, files and lambdas out of it"
-        ) from None
-
-
-_unpickled = lru_cache(maxsize=1)(pickle.loads)
-
-
-def ready_pickled(source: bytes) -> bool:
-    return ready(_unpickled(source))
-
-
-def attempt_pickled(source: bytes, design: Mapping[str, float]) -> Label:
-    return attempt(_unpickled(source), design)
 
 
 @contextmanager
@@ -117,12 +182,13 @@ def pool(workers: int):
         lifeline.close()
 
 
-def alone(source: bytes, design: Mapping[str, float]) -> Label:
+def alone(parcel: Parcel, design: Mapping[str, float]) -> Label:
     """Label one design in a process of its own; unknown, with the reason, if that dies too."""
     context = get_context("spawn")
     (lifeline, held), (answers, answer) = context.Pipe(duplex=False), context.Pipe(duplex=False)
     with lifeline, held, answers, answer:
-        process = context.Process(target=_answer_alone, args=(lifeline, answer, source, design))
+        process = context.Process(target=_answer_alone, args=(lifeline, answer, parcel, design))
+        start = time.perf_counter()
         process.start()
         try:
             answer.close()
@@ -134,29 +200,23 @@ def alone(source: bytes, design: Mapping[str, float]) -> Label:
             process.kill()
             process.join()
             process.close()
+    if code == 1 and parcel.limit is not None and time.perf_counter() - start > parcel.limit:
+        reason = f"no answer within {parcel.limit:g} s, twice: the computation hangs and was ended"
+        return Label(dict(design), None, reason, {"outcome": "hung"})
     how = signal.Signals(-code).name if code < 0 else f"exit code {code}"
-    reason = (
-        f"the worker process died on this design, again when run alone ({how}): "
-        "out of memory, or a crash in compiled code"
-    )
-    return Label(dict(design), None, reason)
+    return _died(design, f"again when run alone ({how})")
 
 
-def _answer_alone(lifeline, answer, source: bytes, design: Mapping[str, float]) -> None:
+def _answer_alone(lifeline, answer, parcel: Parcel, design: Mapping[str, float]) -> None:
     _begin(lifeline)
-    answer.send(attempt_pickled(source, design))
+    answer.send(attempt(parcel, design))
 
 
 def _begin(lifeline) -> None:
-    import threadpoolctl
-
     # Ctrl-C reaches the whole group; the parent decides.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     threading.Thread(target=_end_with, args=(lifeline,), daemon=True).start()
-    # The variables are for libraries that load later, the call for those that are loaded.
-    for name in ("OMP", "OPENBLAS", "MKL", "NUMEXPR", "NUMBA", "VECLIB_MAXIMUM"):
-        os.environ[f"{name}_NUM_THREADS"] = "1"
-    threadpoolctl.threadpool_limits(limits=1)
+    one_thread()
 
 
 def _end_with(lifeline) -> None:

@@ -110,7 +110,9 @@ class Pardiso:
         self.iparm[0] = 1  # no defaults
         self.iparm[1] = 2  # nested dissection (METIS)
         self.iparm[7] = 1  # refinement steps at most
-        self.iparm[9] = (8 if bordered else 13) if symmetric else 13  # perturb pivots below 10^-this
+        self.iparm[9] = (
+            (8 if bordered else 13) if symmetric else 13
+        )  # perturb pivots below 10^-this
         self.iparm[10] = self.iparm[12] = 0 if symmetric else 1
         self._bordered = bordered
         # Pivots of 1 × 1 are a quarter faster and do for a stiffness; with constraint rows, or

@@ -3,6 +3,7 @@
 ``python campaign_sources.py STORE N SECONDS pool|threads`` labels N designs.
 """
 
+import ctypes
 import os
 import signal
 import sys
@@ -64,6 +65,56 @@ class Slow:
         evidence = {"angle": float("nan") if kind == NAN else design["x"] / 7, "calls": self.calls}
         answer = {FOLDS: True, NOT: False, UNKNOWN: None}.get(kind, True)
         return Label(design, answer, f"answered {answer}", {"seconds": time.time(), **evidence})
+
+
+class Hangs(Slow):
+    """As Slow, but never answers for NOT, and says that its labels take ``timeout`` at most."""
+
+    timeout = 0.1
+
+    def label(self, design):
+        if design["kind"] == NOT:
+            ctypes.PyDLL(None).sleep(60)  # compiled code that never gives Python its turn
+        return super().label(design)
+
+
+class Threads(Slow):
+    """Says how many threads the numerical libraries would use."""
+
+    def label(self, design):
+        import numpy as np
+        import threadpoolctl
+
+        np.ones((2, 2)) @ np.ones((2, 2))
+        threads = max(library["num_threads"] for library in threadpoolctl.threadpool_info())
+        self.calls += 1
+        return Label(design, True, "", {"threads": threads, "calls": self.calls})
+
+
+class Counted(Slow):
+    """Counts how often it is pickled."""
+
+    pickled = 0
+
+    def __getstate__(self):
+        self.pickled += 1
+        return self.__dict__
+
+
+class Timed:
+    """A source of the reduced space with settings, as the command line gives them."""
+
+    name = "timed"
+
+    def __init__(self, space, accuracy: float, growth: str = "isotropic", timeout: float = 60.0):
+        self.accuracy, self.timeout = accuracy, timeout
+        self.version = f"{accuracy!r}-{growth}-{timeout!r}"
+
+    def label(self, design):
+        time.sleep(0.01)
+        answer = None if design["E_ratio"] > 100 else bool(design["h_ratio"] > 1)
+        name = "timeout" if answer is None else "folds" if answer else "flat"
+        return Label(design, answer, f"{name} at {design['E_ratio']:.3f}", {"outcome": name})
 
 
 if __name__ == "__main__":

@@ -24,9 +24,11 @@ from campaign_sources import (
     UNKNOWN,
     UNPICKLABLE,
     Slow,
+    Threads,
     designs,
 )
 
+from foldlab import progress
 from foldlab.campaign import run_campaign
 from foldlab.design import REDUCED
 from foldlab.errors import InputError
@@ -164,17 +166,6 @@ def test_everything_that_can_go_wrong_in_a_pool(path, tmp_path):
     assert again.reasons == report.reasons
 
 
-class Threads(Slow):
-    def label(self, design):
-        import numpy as np
-        import threadpoolctl
-
-        np.ones((2, 2)) @ np.ones((2, 2))
-        threads = max(library["num_threads"] for library in threadpoolctl.threadpool_info())
-        self.calls += 1
-        return Label(design, True, "", {"threads": threads, "calls": self.calls})
-
-
 def test_a_worker_keeps_its_source_and_one_thread(path):
     run([FOLDS] * 6, path, Threads())
     with LabelStore(path, mode="read") as store:
@@ -262,6 +253,29 @@ def test_progress_goes_to_stderr(path, capsys):
     assert out == ""
     for part in ("3/3", "1 fold", "1 unknown", "ValueError: no state at # %"):
         assert part in err
+
+
+def test_unknowns_count_by_the_outcome_of_their_evidence(path):
+    class Named(Slow):
+        def label(self, design):
+            x = design["x"]
+            outcome = {0.0: "case_2", 1.0: "timeout", 2.0: "", 3.0: 7}.get(x, "timeout")
+            return Label(design, None, f"stopped after {x} s", {"outcome": outcome})
+
+    first = run([UNKNOWN] * 6, path, Named(), executor=Inline())
+    assert first.reasons == {"timeout": 3, "stopped after # s": 2, "case_2": 1}
+    assert run([UNKNOWN] * 6, path, Named(), executor=Inline()).reasons == first.reasons
+    assert first.as_dict()["labels"] == first.as_dict()["unknown"] == 6
+
+
+def test_a_log_file_gets_lines(path, capsys, monkeypatch):
+    monkeypatch.setattr(progress, "LOG_EVERY", 0)
+    kinds = [FOLDS, RAISES, NOT]
+    run_campaign(designs(kinds), Slow(), path, executor=Inline(), in_flight=1)
+    lines = capsys.readouterr().err.splitlines()
+    assert lines[0].startswith("1/3, ") and "1 fold, 0 unknown, " in lines[0]
+    assert lines[0].endswith(" s left")
+    assert lines[1].endswith("; 1 × ValueError: no state at # %")
 
 
 def start(path, how, count=600, seconds=0.01):

@@ -1,13 +1,15 @@
 """The command line as a user meets it: the chain of verbs, exit statuses, clear errors."""
 
 import json
+import re
 import sqlite3
 import sys
 
 import pandas as pd
 import pytest
+from campaign_sources import Timed
 
-from foldlab import cli
+from foldlab import cli, sources
 
 
 @pytest.fixture
@@ -54,6 +56,31 @@ def test_chain_from_sample_to_score_and_map(foldlab, labels):
     assert drawn["accuracy"] > 0.9
     with open("map.png", "rb") as file:
         assert file.read(4) == b"\x89PNG"
+
+
+def test_label_takes_the_settings_of_a_source(foldlab, monkeypatch, tmp_path):
+    monkeypatch.setitem(sources.SOURCES, "timed", Timed)
+    foldlab("sample -n 60 --seed 4 -o d.parquet")
+    line = "label d.parquet -o s.db --source timed --set accuracy=2e-2 --set growth=isotropic"
+    report = last_json(foldlab(f"{line} --set timeout=60 --workers 2 --json"))
+    assert report["version"] == "0.02-isotropic-60.0"
+    assert report["labels"] == report["folds"] + report["not"] + report["unknown"] == 60
+    assert report["reasons"] == {"timeout": report["unknown"]} and report["unknown"] > 0
+    assert report["labels_per_second"] == pytest.approx(60 / report["seconds"])
+    (tmp_path / "c.toml").write_text('accuracy = 0.05\ngrowth = "uniaxial"\n')
+    status, out, err = foldlab("label d.parquet -o t.db --source timed --config c.toml")
+    assert status == 0 and "version: 0.05-uniaxial-60.0" in out
+    assert "unknown because" in out and re.search(rf"timeout +│ +{report['unknown']} ", out)
+    assert f"{report['unknown']} unknown: timeout" in err and "60/60" in err
+    for bad, message in {
+        "": "accuracy",
+        "--set accuracy=fine": "accuracy = 'fine': Input should be a valid number",
+        "--set accuracy=1 --set growth=3": "growth = 3: Input should be a valid string",
+        "--set accuracy=1 --set space=full": "no setting 'space'; it has: accuracy, growth, timeo",
+    }.items():
+        status, _, err = foldlab(f"label d.parquet -o u.db --source timed {bad}")
+        assert (status, err.count("\n")) == (2, 1) and message in err
+    assert not (tmp_path / "u.db").exists()
 
 
 def test_labelling_again_computes_nothing(foldlab, labels):

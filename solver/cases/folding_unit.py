@@ -297,9 +297,7 @@ def _supports(unit, body, mirrors, heavy, upright, at):
     return fixed, rows
 
 
-def turning_row(
-    body: Body, axis: int, u: np.ndarray, mirrors: Sequence[str] = ()
-) -> Row:
+def turning_row(body: Body, axis: int, u: np.ndarray, mirrors: Sequence[str] = ()) -> Row:
     """No further mean rotation about an axis beyond the displacement u (nodes, 3).
 
     The arms are those of the deformed state, from the centroid of the whole that ``mirrors`` makes

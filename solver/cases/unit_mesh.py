@@ -133,4 +133,3 @@ def _across(unit, level: Sizes, growth: str):
     if wide > half * (1 + 1e-9):
         x = joined(x, half + growing(wide - half, max(half, 0.1), 3.0))
     return x, solid
-

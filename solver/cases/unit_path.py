@@ -217,7 +217,9 @@ class _Walk:
         if model.growth == "uniaxial":
             angle = model.unit.fold_angle
         step = min(0.1, turn / max(angle, 1e-9))
-        self.steps = LoadSteps(rtol=rtol, step=step, first=0.5, cut=4.0, largest=max(1.0, 0.1 / step))
+        self.steps = LoadSteps(
+            rtol=rtol, step=step, first=0.5, cut=4.0, largest=max(1.0, 0.1 / step)
+        )
         self.stepper = Settle(self.steps)
         if noise is not None:
             self.stepper = replace(self.steps, noise=Noise(*noise))

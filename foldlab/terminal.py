@@ -1,0 +1,65 @@
+"""What every verb of the command line shares: options, results on stdout, messages on stderr."""
+
+from __future__ import annotations
+
+import json
+import math
+import sys
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+from rich.console import Console
+from rich.table import Table
+
+err = Console(stderr=True, soft_wrap=True)
+
+Json = Annotated[bool, typer.Option("--json", help="Print one JSON object on stdout.")]
+Seed = Annotated[int, typer.Option("--seed", min=0, help="Seed of every random choice.")]
+Sets = Annotated[
+    list[str] | None, typer.Option("--set", metavar="NAME=VALUE", help="Override a setting.")
+]
+Config = Annotated[Path | None, typer.Option("--config", help="TOML file of settings.")]
+Space = Annotated[str, typer.Option("--space", help="Design space: reduced or full.")]
+Workers = Annotated[int, typer.Option("--workers", min=1, help="Worker processes.")]
+
+
+class NotReached(Exception):
+    """Ran, but could not reach the result; exit status 3."""
+
+
+def emit(result: dict[str, Any], as_json: bool, rows: list[dict] | None = None) -> None:
+    """Print a result: JSON, or a table of ``rows`` and the scalars below it."""
+    if as_json:
+        print(json.dumps(plain(result), allow_nan=False))
+        return
+    out = Console(width=None if sys.stdout.isatty() else 160)
+    if rows:
+        table = Table(show_edge=False)
+        for name in rows[0]:
+            table.add_column(name, justify="left" if isinstance(rows[0][name], str) else "right")
+        for row in rows:
+            table.add_row(*(_cell(value) for value in row.values()))
+        out.print(table)
+    for name, value in result.items():
+        if not isinstance(value, dict | list):
+            out.print(f"{name}: {_cell(value)}", markup=False, highlight=False, soft_wrap=True)
+
+
+def _cell(value: Any) -> str:
+    if value is None:
+        return "–"
+    return f"{value:.4g}" if isinstance(value, float) else str(value)
+
+
+def plain(value: Any) -> Any:
+    """JSON values only: NumPy scalars become Python's, NaN and infinities become null."""
+    if isinstance(value, dict):
+        return {str(key): plain(item) for key, item in value.items()}
+    if isinstance(value, list | tuple):
+        return [plain(item) for item in value]
+    if hasattr(value, "tolist"):
+        return plain(value.tolist())
+    if isinstance(value, float) and not math.isfinite(value):
+        return None
+    return str(value) if isinstance(value, Path) else value
