@@ -5,7 +5,7 @@ from __future__ import annotations
 import resource
 import time
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
@@ -183,15 +183,19 @@ class SolverSource:
         groups = self.space.validate(pd.DataFrame([dict(design)]), bounds=False)
         groups = groups[self.space.names].iloc[0].to_dict()
         start = time.monotonic()
-        runs: list[Run] = []
-        for level in range(3):
-            left = self.timeout - (time.monotonic() - start)
-            if runs and (left < 4 * runs[-1].folding.seconds or left <= 0):
+        deadline = start + self.timeout
+        runs = [self.run(groups, 0, deadline=deadline)]
+        for level in (1, 2):
+            if not runs[-1].history or runs[-1].folding.ending.name == "TIMEOUT":
                 break
-            runs.append(self.run(groups, level, deadline=start + self.timeout))
-            if runs[-1].folding.ending.name == "TIMEOUT":
+            finer = self._refined(runs[-1], level, deadline) if runs[-1].settled else None
+            if finer is None and time.monotonic() < deadline:
+                finer = self.run(groups, level, deadline=deadline)
+            if finer is None or (runs[-1].settled and not finer.settled):
                 break
-            if len(runs) > 1 and _error(runs[-2:], groups) <= self.accuracy:
+            runs.append(finer)
+            error = _error(runs[-2:], groups)
+            if error is not None and error <= self.accuracy:
                 break
         return self._judge(groups, runs, time.monotonic() - start)
 
@@ -216,14 +220,9 @@ class SolverSource:
         history: list[dict[str, float]] = []
 
         def closed(state: State) -> bool:
-            m = foldability.measure(state.curves, unit.hinge_length)
-            row = {"contraction": state.e * unit.contraction, **vars(m)}
-            row["unstable"] = state.unstable
-            if state.tip is not None:
-                row["tip"] = state.tip / unit.slenderness
-                row["lowest"] = state.lowest / unit.slenderness
+            row = _row(state, unit)
             history.append(row)
-            return max(abs(m.m1), m.m2) >= 2 * np.pi
+            return max(abs(row["m1"]), row["m2"]) >= 2 * np.pi
 
         growth = "uniaxial" if self.question == "exists" else self.growth
         options = {"effects": self.terms, "upright": self.upright, "deadline": deadline}
@@ -244,6 +243,23 @@ class SolverSource:
                 row["contraction"] = unit.contraction
         return Run(folding, history, folding.ending.name == "STOPPED")
 
+    def _refined(self, run: Run, level: int, deadline: float) -> Run | None:
+        """The last state of a run on a finer mesh, with the run's history before it."""
+        from solver.cases import unit_path
+
+        finer = unit_path.refined(run.folding, level, deadline=deadline)
+        if finer is None:
+            return None
+        row = _row(finer.last, finer.model.unit)
+        row["contraction"] = run.history[-1]["contraction"]
+        finer = replace(
+            finer,
+            states=(*run.folding.states[:-1], finer.last),
+            happenings=run.folding.happenings,
+            iterations=run.folding.iterations + finer.iterations,
+        )
+        return Run(finer, [*run.history[:-1], row], run.closed)
+
     def _judge(self, design, runs: list[Run], seconds: float) -> Label:
         run, thresholds = runs[-1], foldability.Thresholds()
         folding = run.folding
@@ -253,7 +269,7 @@ class SolverSource:
             "seconds": seconds,
             "unknowns": folding.model.scene.size,
             "levels": len(runs),
-            "iterations": sum(r.folding.iterations for r in runs),
+            "iterations": folding.iterations,
             "steps": len(folding.states),
             "peak_memory_mb": resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024,
         }
@@ -306,15 +322,26 @@ class SolverSource:
         return sorted(found, key=lambda event: event["contraction"])
 
 
+def _row(state: State, unit) -> dict[str, float]:
+    """What the history keeps of a state."""
+    m = foldability.measure(state.curves, unit.hinge_length)
+    row = {"contraction": float(state.e) * unit.contraction, **vars(m)}
+    row["unstable"] = state.unstable
+    if state.tip is not None:
+        row["tip"] = state.tip / unit.slenderness
+        row["lowest"] = state.lowest / unit.slenderness
+    return row
+
+
 def _error(pair: list[Run], design: Mapping[str, float]) -> float | None:
     """Error of the fold angle on the finer of two meshes, over the larger of angle and |g|π."""
     coarse, fine = pair
     if not (coarse.settled and fine.settled):
         return np.inf if fine.settled else None
     if coarse.closed and fine.closed:
-        # Both end at the same angle: what differs is the contraction that it takes.
-        at = [r.history[-1]["contraction"] / r.history[-1]["m1"] for r in pair]
-        return SHARE * abs(at[1] - at[0]) / max(abs(at[1]), 1e-300)
+        # Both end at about the same angle: what differs is the contraction that it takes.
+        turned = [r.history[-1]["m1"] / r.history[-1]["contraction"] for r in pair]
+        return SHARE * abs(turned[1] - turned[0]) / max(abs(turned[1]), 1e-300)
     angles = [r.history[-1]["m1"] for r in pair]
     scale = max(abs(angles[1]), np.pi * design["contraction"])
     return SHARE * abs(angles[1] - angles[0]) / scale

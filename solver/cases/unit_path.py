@@ -19,13 +19,16 @@ from enum import Enum
 import numpy as np
 from scipy.linalg import qr
 
-from solver.cases.folding_unit import Model, foot, plane, turning_row
+from solver.cases.folding_unit import Model, build, foot, plane, turning_row
 from solver.continuation import LoadSteps, Noise, Point
+from solver.descent import descend
 from solver.linear import SingularMatrix
-from solver.newton import Outcome
+from solver.newton import Outcome, newton
 from solver.scene import Fixed, Scene
 from solver.settle import Settle
 from solver.terms import OutOfTime
+
+LONGEST = 0.2  # step of e, however little Timoshenko expects the hinge to turn
 
 # What a mode does, by the mirror planes that it keeps.
 CLASSES = {("x", "y"): "symmetric", ("y",): "sideways", ("x",): "rocking", (): "twisting"}
@@ -208,6 +211,57 @@ def fold(
     return walk.run(np.zeros(model.scene.size) if start is None else start)
 
 
+def refined(
+    folding: Folding, level: int, *, rtol: float = 1e-6, deadline: float | None = None
+) -> Folding | None:
+    """The last state on another mesh: one equilibrium instead of a path.
+
+    None where the body went elsewhere (a curve by more than a tenth of the sheet), or found no
+    stable state nearby: then the path itself must be followed there. ``deadline``: as in
+    :func:`solver.cases.folding_unit.build`.
+    """
+    begun = time.monotonic()
+    model, last = folding.model, folding.last
+    u = model.scene.displacement(folding.x, last.e)
+
+    def mapped(body):
+        return model.body.interpolation(body.nodes) @ u
+
+    options = {**model.options, "mirrors": model.mirrors, "deadline": deadline}
+    try:
+        fine = build(model.unit, **{**options, "level": level, "at": mapped})
+        x = fine.scene.unknowns(mapped(fine.body))
+        found = newton(fine.scene, x, last.e, rtol=rtol, max_iterations=25, unstable=0)
+        spent = found.iterations
+        if not (found.converged and found.system.unstable == 0):
+            found = descend(fine.scene, x, last.e, rtol=rtol, reach=0.02, max_iterations=100)
+            spent += found.iterations
+        if not found.converged:
+            return None
+        checks = Symmetries(fine).check(found.x, last.e)
+    except OutOfTime:
+        return None
+    state = _state(fine, found.x, last.e, found.system.unstable, found.system.energy, spent, checks)
+    if np.abs(state.curves - last.curves).max() > 0.1 or state.unstable != last.unstable:
+        return None
+    return replace(
+        folding, states=(state,), happenings=(), model=fine, x=found.x, iterations=spent,
+        seconds=time.monotonic() - begun,
+    )  # fmt: skip
+
+
+def _state(model: Model, x, e, unstable, energy, iterations, checks) -> State:
+    lowest = tip = None
+    if model.ground is not None:
+        lowest = float(model.gaps(x, e).min())
+        u = model.scene.displacement(x, e)
+        tip = float((model.body.nodes + u)[foot(model.body, (0.0, 0.5, 0.0)), 2].item())
+    own = Check(model.mirrors, unstable, unstable)
+    return State(
+        e, model.curves(x, e), (own, *checks), lowest, tip, energy, iterations, model.scene.size
+    )
+
+
 class _Walk:
     def __init__(self, model, rtol, turn, stop, noise, on_state, max_states):
         self.begun = time.monotonic()
@@ -216,10 +270,11 @@ class _Walk:
         angle = max(model.unit.fold_angle, model.unit.curvature * model.unit.width)
         if model.growth == "uniaxial":
             angle = model.unit.fold_angle
-        step = min(0.1, turn / max(angle, 1e-9))
+        step = min(LONGEST, turn / max(angle, 1e-9))
         self.steps = LoadSteps(
-            rtol=rtol, step=step, first=0.5, cut=4.0, largest=max(1.0, 0.1 / step)
-        )
+            rtol=rtol, step=step, first=0.5, cut=4.0, growth=1.5, max_iterations=12,
+            largest=max(1.0, LONGEST / step),
+        )  # fmt: skip
         self.stepper = Settle(self.steps)
         if noise is not None:
             self.stepper = replace(self.steps, noise=Noise(*noise))
@@ -227,13 +282,7 @@ class _Walk:
         self.happenings: list[Happening] = []
         self.iterations = 0
         self.toppled = False
-        self._look()
-
-    def _look(self):
-        """What depends on the model."""
-        self.symmetries = Symmetries(self.model)
-        body = self.model.body
-        self.tip = foot(body, (0.0, 0.5, 0.0))
+        self.symmetries = Symmetries(model)
 
     def run(self, x: np.ndarray) -> Folding:
         self.last = None
@@ -281,7 +330,7 @@ class _Walk:
             kept = max((c.kept for c in lost), key=len)
             before = self.model.scene.displacement(point.x, point.e)
             self.model, x = self.model.widened(kept, point.x, point.e)
-            self._look()
+            self.symmetries = Symmetries(self.model)
             found = self.stepper.begin(self.model.scene, x, point.e, 1.0)
             if isinstance(found, Outcome):
                 return found
@@ -292,7 +341,9 @@ class _Walk:
             point = replace(found, index=point.index)
             checks = self.symmetries.check(point.x, point.e)
             lost = [c for c in checks if c.held]
-        state = self._state(point, checks)
+        state = _state(
+            self.model, point.x, point.e, point.unstable, point.energy, point.iterations, checks
+        )
         if state.topples and not self.toppled:
             self.happenings.append(Happening("toppling", point.e))
             self.toppled = True
@@ -303,16 +354,3 @@ class _Walk:
 
     def _class(self, mirrors) -> str:
         return CLASSES[tuple(mirrors)]
-
-    def _state(self, point: Point, checks) -> State:
-        model = self.model
-        lowest = tip = None
-        if model.ground is not None:
-            lowest = float(model.gaps(point.x, point.e).min())
-            u = model.scene.displacement(point.x, point.e)
-            tip = float((model.body.nodes + u)[self.tip, 2].item())
-        own = Check(model.mirrors, point.unstable, point.unstable)
-        return State(
-            point.e, model.curves(point.x, point.e), (own, *checks), lowest, tip, point.energy,
-            point.iterations, model.scene.size,
-        )  # fmt: skip
