@@ -165,7 +165,7 @@ def verdict(
             False,
             "curled",
             (
-                "the hinge rolled up about the other axis through a full turn at "
+                "the hinge curled about the other axis through half a turn at "
                 f"{100 * last['contraction']:.3g} % contraction"
             ),
         )

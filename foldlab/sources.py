@@ -126,7 +126,8 @@ class SolverSource:
     against toppling. ``timeout``: seconds per label, after which it is unknown. ``seed``: follow
     noisy steps (§4.3.3) on the whole unit instead of testing symmetric ones.
 
-    A path ends where the fold has made a full turn: beyond it the panels pass through each other.
+    A path ends where the fold has made a full turn, for beyond it the panels pass through each
+    other, and where the hinge has curled through half a turn about the other axis.
     """
 
     name = "solver"
@@ -180,24 +181,32 @@ class SolverSource:
 
     def label(self, design: Mapping[str, float]) -> Label:
         """Never raises for a design that can be validated; what fails is an unknown label."""
+        from solver.terms import OutOfTime
+
         groups = self.space.validate(pd.DataFrame([dict(design)]), bounds=False)
         groups = groups[self.space.names].iloc[0].to_dict()
         start = time.monotonic()
         deadline = start + self.timeout
-        runs = [self.run(groups, 0, deadline=deadline)]
+        run, error, levels = self.run(groups, 0, deadline=deadline), None, 1
         for level in (1, 2):
-            if not runs[-1].history or runs[-1].folding.ending.name == "TIMEOUT":
+            if not run.settled or time.monotonic() > deadline:
                 break
-            finer = self._refined(runs[-1], level, deadline) if runs[-1].settled else None
-            if finer is None and time.monotonic() < deadline:
-                finer = self.run(groups, level, deadline=deadline)
-            if finer is None or (runs[-1].settled and not finer.settled):
+            if level > 1 and run.folding.model.scene.size > LARGEST:
                 break
-            runs.append(finer)
-            error = _error(runs[-2:], groups)
-            if error is not None and error <= self.accuracy:
+            found = self._refined(run, level, deadline)
+            if found is None:
+                try:
+                    again = self.run(groups, level, deadline=deadline)
+                except OutOfTime:
+                    break
+                if not again.settled:
+                    break
+                found = again, _error(run, again, groups)
+            run, error = found
+            levels += 1
+            if error <= self.accuracy:
                 break
-        return self._judge(groups, runs, time.monotonic() - start)
+        return self._judge(groups, run, error, levels, time.monotonic() - start)
 
     def run(
         self,
@@ -222,7 +231,7 @@ class SolverSource:
         def closed(state: State) -> bool:
             row = _row(state, unit)
             history.append(row)
-            return max(abs(row["m1"]), row["m2"]) >= 2 * np.pi
+            return abs(row["m1"]) >= 2 * np.pi or row["m2"] >= np.pi
 
         growth = "uniaxial" if self.question == "exists" else self.growth
         options = {"effects": self.terms, "upright": self.upright, "deadline": deadline}
@@ -243,32 +252,45 @@ class SolverSource:
                 row["contraction"] = unit.contraction
         return Run(folding, history, folding.ending.name == "STOPPED")
 
-    def _refined(self, run: Run, level: int, deadline: float) -> Run | None:
-        """The last state of a run on a finer mesh, with the run's history before it."""
+    def _refined(self, run: Run, level: int, deadline: float) -> tuple[Run, float] | None:
+        """The last state of a run on a finer mesh, after the run's history; and its error.
+
+        Where a path ended at a full turn, small differences have grown large. What is refined is
+        then the state before, for the error only.
+        """
         from solver.cases import unit_path
 
-        finer = unit_path.refined(run.folding, level, deadline=deadline)
+        folding = run.folding
+        if run.closed and len(run.history) < 2:
+            return None
+        finer = unit_path.refined(folding, level, earlier=run.closed, deadline=deadline)
         if finer is None:
             return None
         row = _row(finer.last, finer.model.unit)
-        row["contraction"] = run.history[-1]["contraction"]
+        before = run.history[-2 if run.closed else -1]
+        row["contraction"] = before["contraction"]
+        scale = max(abs(row["m1"]), np.pi * before["contraction"], 1e-9)
+        off = abs(row["m1"] - before["m1"]) / scale
+        if run.closed:
+            return run, off
         finer = replace(
             finer,
-            states=(*run.folding.states[:-1], finer.last),
-            happenings=run.folding.happenings,
-            iterations=run.folding.iterations + finer.iterations,
+            states=(*folding.states[:-1], finer.last),
+            happenings=folding.happenings,
+            iterations=folding.iterations + finer.iterations,
+            before=folding.before,
         )
-        return Run(finer, [*run.history[:-1], row], run.closed)
+        return Run(finer, [*run.history[:-1], row], False), SHARE * off
 
-    def _judge(self, design, runs: list[Run], seconds: float) -> Label:
-        run, thresholds = runs[-1], foldability.Thresholds()
+    def _judge(self, design, run: Run, error, levels: int, seconds: float) -> Label:
+        thresholds = foldability.Thresholds()
         folding = run.folding
         evidence = {
             "outcome": folding.ending.name.lower(),
             "stable": False,
             "seconds": seconds,
             "unknowns": folding.model.scene.size,
-            "levels": len(runs),
+            "levels": levels,
             "iterations": folding.iterations,
             "steps": len(folding.states),
             "peak_memory_mb": resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024,
@@ -303,14 +325,21 @@ class SolverSource:
                 "the hinge is crushed by its own weight, "
                 f"{_crushing(design):.2g} times what its active layer can carry"
             )
-        if len(runs) > 1:
-            evidence["error_estimate"] = _error(runs[-2:], design)
-            before = runs[-2]
-            if run.settled and before.settled and evidence["error_estimate"] > self.accuracy:
-                same = thresholds.tags(before.measures, design["contraction"]) == tags
-                if not same:
-                    foldable, evidence["outcome"] = None, "unresolved"
-                    reason = "unknown: the verdict still changes with the mesh"
+        if run.history:
+            evidence["error_estimate"] = error
+        if run.settled and error is None:
+            reason = f"unknown, for no finer mesh confirmed it in time: {reason}"
+            foldable, evidence["outcome"] = None, "unverified"
+        elif run.settled and error > self.accuracy:
+            need = np.pi * design["contraction"]
+            if not run.closed and abs(run.measures["m1"] - need) < error * max(
+                abs(run.measures["m1"]), need
+            ):
+                foldable, evidence["outcome"] = None, "unresolved"
+                reason = (
+                    f"unknown: {run.measures['m1']:.3g} rad is as near to the {need:.3g} rad needed "
+                    f"as its error, {100 * error:.2g} %"
+                )
         return Label(design, foldable, reason, evidence, self.name, self.version)
 
     def _events(self, run: Run, design, thresholds) -> list[dict]:
@@ -333,19 +362,19 @@ def _row(state: State, unit) -> dict[str, float]:
     return row
 
 
-def _error(pair: list[Run], design: Mapping[str, float]) -> float | None:
-    """Error of the fold angle on the finer of two meshes, over the larger of angle and |g|π."""
-    coarse, fine = pair
-    if not (coarse.settled and fine.settled):
-        return np.inf if fine.settled else None
+def _error(coarse: Run, fine: Run, design: Mapping[str, float]) -> float:
+    """Error of the fold angle on the finer of two paths, over the larger of angle and |g|π."""
+    rows = [r.history[-1] for r in (coarse, fine)]
     if coarse.closed and fine.closed:
         # Both end at about the same angle: what differs is the contraction that it takes.
-        turned = [r.history[-1]["m1"] / r.history[-1]["contraction"] for r in pair]
-        return SHARE * abs(turned[1] - turned[0]) / max(abs(turned[1]), 1e-300)
-    angles = [r.history[-1]["m1"] for r in pair]
-    scale = max(abs(angles[1]), np.pi * design["contraction"])
-    return SHARE * abs(angles[1] - angles[0]) / scale
+        turned = [r["m1"] / r["contraction"] for r in rows]
+        return SHARE * abs(turned[1] - turned[0]) / max(abs(turned[1]), 1e-9)
+    scale = max(abs(rows[1]["m1"]), np.pi * design["contraction"])
+    return SHARE * abs(rows[1]["m1"] - rows[0]["m1"]) / scale
 
+
+# Unknowns of a mesh that is not refined again; the error then stays as stated.
+LARGEST = 6000
 
 # The finer of two meshes is nearer to the truth than they are to each other.
 SHARE = 0.5

@@ -62,7 +62,8 @@ class Ground:
                 raise ValueError(f"{key} = {value:g}; expected a positive {key} for the ground")
         self.name = name
         self.body, self.height, self.thickness = body, height, thickness
-        self._floor = height - depth * thickness
+        self.depth = depth * thickness
+        self._floor = height - self.depth
         self._range = (depth + reach) * thickness
         self._kappa = pressure / -_barrier(np.array([depth / (depth + reach)]))[1][0]
         n = len(body.nodes)

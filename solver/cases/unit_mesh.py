@@ -123,7 +123,7 @@ def _across(unit, level: Sizes, growth: str):
     else:
         # Towards the free edge, whose boundary layer is about as wide as the hinge is thick.
         thick = unit.slenderness + unit.active
-        first = max(min(thick, half / n), half / 9 ** (n - 1))
+        first = max(min(thick, half / n), half / (3 * n)) if n > 1 else half
         x = half - growing(half, first, 3.0, half / max(n - 1, 1))[::-1]
 
         def solid(ax):

@@ -22,6 +22,7 @@ from scipy.linalg import qr
 from solver.cases.folding_unit import Model, build, foot, plane, turning_row
 from solver.continuation import LoadSteps, Noise, Point
 from solver.descent import descend
+from solver.ground import Ground
 from solver.linear import SingularMatrix
 from solver.newton import Outcome, newton
 from solver.scene import Fixed, Scene
@@ -104,6 +105,7 @@ class Folding:
     x: np.ndarray | None
     iterations: int
     seconds: float
+    before: tuple[Model, np.ndarray] | None = None  # of the last state but one
 
     @property
     def last(self) -> State:
@@ -212,17 +214,24 @@ def fold(
 
 
 def refined(
-    folding: Folding, level: int, *, rtol: float = 1e-6, deadline: float | None = None
+    folding: Folding,
+    level: int,
+    *,
+    earlier: bool = False,
+    rtol: float = 1e-6,
+    deadline: float | None = None,
 ) -> Folding | None:
-    """The last state on another mesh: one equilibrium instead of a path.
+    """The last state (``earlier``: the one before it) on another mesh: one equilibrium, no path.
 
     None where the body went elsewhere (a curve by more than a tenth of the sheet), or found no
     stable state nearby: then the path itself must be followed there. ``deadline``: as in
     :func:`solver.cases.folding_unit.build`.
     """
     begun = time.monotonic()
-    model, last = folding.model, folding.last
-    u = model.scene.displacement(folding.x, last.e)
+    model, x, last = folding.model, folding.x, folding.last
+    if earlier:
+        (model, x), last = folding.before, folding.states[-2]
+    u = model.scene.displacement(x, last.e)
 
     def mapped(body):
         return model.body.interpolation(body.nodes) @ u
@@ -230,7 +239,12 @@ def refined(
     options = {**model.options, "mirrors": model.mirrors, "deadline": deadline}
     try:
         fine = build(model.unit, **{**options, "level": level, "at": mapped})
-        x = fine.scene.unknowns(mapped(fine.body))
+        start = mapped(fine.body)
+        if isinstance(fine.ground, Ground):
+            # Between the coarse mesh's contact points the sheet may lie below the floor.
+            low = fine.ground.gaps(start).min() + 0.9 * fine.ground.depth
+            start[:, 2] += max(0.0, -low)
+        x = fine.scene.unknowns(start)
         found = newton(fine.scene, x, last.e, rtol=rtol, max_iterations=25, unstable=0)
         spent = found.iterations
         if not (found.converged and found.system.unstable == 0):
@@ -285,7 +299,7 @@ class _Walk:
         self.symmetries = Symmetries(model)
 
     def run(self, x: np.ndarray) -> Folding:
-        self.last = None
+        self.last = self.before = None
         try:
             return self._walk(x)
         except OutOfTime:
@@ -304,6 +318,7 @@ class _Walk:
             if point.e >= 1.0:
                 return self._end(Ending.REACHED, Ending.REACHED.value, point)
             self.last = point
+            self.before = (self.model, point.x)
             if len(self.states) >= self.max_states:
                 return self._end(Ending.TOO_LONG, Ending.TOO_LONG.value, point)
             point = self.stepper.advance(self.model.scene, point, 1.0)
@@ -314,6 +329,7 @@ class _Walk:
         return Folding(
             tuple(self.states), tuple(self.happenings), ending, detail, self.model,
             None if point is None else point.x, self.iterations, time.monotonic() - self.begun,
+            self.before,
         )  # fmt: skip
 
     def _accept(self, point: Point) -> Point | Outcome:
