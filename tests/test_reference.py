@@ -6,7 +6,7 @@ Where a case follows a path it starts unloaded and the load comes with e in [0, 
 import numpy as np
 import pytest
 import reference_scenes as case
-from scipy.interpolate import CubicSpline
+from scipy.interpolate import CubicHermiteSpline, CubicSpline
 
 from solver.body import Body
 from solver.cases import problem_p
@@ -279,9 +279,11 @@ def test_hinged_arch_branches_before_its_limit_point():
 def test_hinged_roof_snaps_through_and_back():
     scene, crown = case.roof()
     path, sinks = crown_path(scene, crown, 27.0, stepper=ArcLength(rtol=1e-6, a=0.008, b=0.1))
-    P = path.loads
-    # Published for shells (Sze, Liu and Lo 2004), P/3000 : sink in mm, along the path. The solid
-    # model, converged in its mesh, lies up to 1.7 % below (hinged by the mean over the thickness).
+    # Steps are long beside the bend at the limit point: lines between points cut it off by 1.7 %.
+    speeds = [-scene.step_displacement(p.tangent[:-1])[crown, 1].mean() for p in path.points]
+    slopes = [p.tangent[-1] / v for p, v in zip(path.points, speeds, strict=True)]
+    P = CubicHermiteSpline(sinks, path.loads, slopes)
+    # Published for shells (Sze, Liu and Lo 2004), P/3000 : sink in mm, along the path.
     for share, sink in (
         (0.4686, 4.477),
         (0.7246, 9.339),
@@ -290,7 +292,7 @@ def test_hinged_roof_snaps_through_and_back():
         (0.1729, 19.852),
         (0.6644, 26.601),
     ):
-        assert CubicSpline(sinks, P)(sink) == pytest.approx(share, abs=0.02)
+        assert P(sink) == pytest.approx(share, rel=0.01), sink
 
 
 # -- 7. buckling ---------------------------------------------------------------------------------
