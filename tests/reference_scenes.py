@@ -192,9 +192,13 @@ def inner_stretch(scene, x, e):
     return float((now[inner] / R[inner]).mean())
 
 
-def cook(*, element="hex27", n=8, nu=1 / 3, E=1.0, load=1.0, material=SmallStrain, plane="stress"):
-    """Cook's membrane (48, 44, 16) under a shear load e·load on the right edge; thickness 1."""
-    s = np.linspace(0, 1, n + 1)
+def cook(*, element="hex27", n=8, nu=1 / 3, E=1.0, load=1.0, material=SmallStrain, plane="stress",
+         ratio=1.0):  # fmt: skip
+    """Cook's membrane (48, 44, 16) under a shear load e·load on the right edge; thickness 1.
+
+    ``ratio``: longest over shortest step; it is graded to the clamped corner that opens widest.
+    """
+    s, t = (graded(0, 1, n, toward=end, ratio=ratio) for end in "ab")
 
     def shape(X):
         x, t = 48 * X[:, 0], X[:, 1]
@@ -202,7 +206,7 @@ def cook(*, element="hex27", n=8, nu=1 / 3, E=1.0, load=1.0, material=SmallStrai
         return np.stack([x, low + t * (high - low), X[:, 2]], axis=-1)
 
     thick = 1.0 if plane == "strain" else 0.02
-    mesh = box(s, s, [0, thick], shape=shape, quadratic=False, tets=element.startswith("tet"))
+    mesh = box(s, t, [0, thick], shape=shape, quadratic=False, tets=element.startswith("tet"))
     body = Body.build(mesh, element)
     fixed = [*held(body, 0, 0.0, 0, 1), *held(body, 2, 0.0, 2)]
     if plane == "strain":
