@@ -19,6 +19,7 @@ from typing import Protocol
 import numpy as np
 
 from solver.body import Body, NodeGraph
+from solver.fields import Unphysical
 from solver.linear import Factor, ScaledFactor, make_solver
 from solver.supports import Fixed, Row, is_zero, rotation_row, translation_row
 
@@ -283,7 +284,10 @@ class Scene:
     # -- the sum of the terms --------------------------------------------------------------------
 
     def evaluate(self, u: np.ndarray, e: float, order: int = 2) -> Evaluation:
-        """Sum of all terms in the nodes' common frame."""
+        """Sum of all terms in the nodes' common frame.
+
+        Raises :class:`solver.fields.Unphysical` for a load at which a term has no meaning.
+        """
         energy: float | None = 0.0
         force = np.zeros((self.n_nodes, 3)) if order >= 1 else None
         blocks, own = None, False
@@ -309,26 +313,33 @@ class Scene:
                 blocks[where] += part.stiffness  # each block stands once
         return Evaluation(energy, force, blocks)
 
+    def _tried(self, u: np.ndarray, e: float, order: int) -> Evaluation:
+        """The sum of the terms at a state that an iteration tries, which may make no sense."""
+        try:
+            return self.evaluate(u, e, order)
+        except Unphysical:
+            return Evaluation(np.inf)
+
     def energy(self, x: np.ndarray, e: float) -> float | None:
         """Total energy with the multipliers' part left out; inf where not admissible."""
-        return self.evaluate(self.displacement(x, e), e, 0).energy
+        return self._tried(self.displacement(x, e), e, 0).energy
 
     def residual(self, x: np.ndarray, e: float) -> np.ndarray | None:
         """R(x, e), shape (size,); None where the state is not admissible."""
         u = self.displacement(x, e)
-        part = self.evaluate(u, e, 1)
+        part = self._tried(u, e, 1)
         return None if part.force is None else self._residual(part.force, u, x, e)
 
     def gradient(self, x: np.ndarray, e: float) -> tuple[float | None, np.ndarray] | None:
         """Energy (None where there is none) and residual; None where not admissible."""
         u = self.displacement(x, e)
-        part = self.evaluate(u, e, 1)
+        part = self._tried(u, e, 1)
         return None if part.force is None else (part.energy, self._residual(part.force, u, x, e))
 
     def system(self, x: np.ndarray, e: float) -> System | None:
         """Residual and tangent; None where the state is not admissible."""
         u = self.displacement(x, e)
-        part = self.evaluate(u, e, 2)
+        part = self._tried(u, e, 2)
         if part.force is None:
             return None
         R = self._residual(part.force, u, x, e)

@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 
 from solver.body import Body, Surface
-from solver.fields import Quantity, resolve, varies
+from solver.fields import Quantity, Unphysical, resolve, varies
 from solver.growth import Growth
 from solver.kernels import (
     SMALL,
@@ -138,7 +138,7 @@ class Gravity:
             shape = self.body.weights.shape
             rho = resolve("density", self.density, e, shape, self.body.points)
             if not (rho >= 0).all():
-                raise ValueError(
+                raise Unphysical(
                     f"density = {rho.min():g} at e = {e:g}; expected density >= 0: turn g around "
                     "to pull the other way"
                 )
