@@ -168,6 +168,14 @@ def test_the_whole_unit_folds_like_its_quarter():
     assert angles[0] == pytest.approx(angles[1], rel=1e-6)
 
 
+@pytest.mark.parametrize("element, level", [("hex20", 0), ("tet10", 0)])
+def test_isotropic_contraction_from_flat_comes_out_alike_on_all_elements(element, level):
+    body = problem_p.mesh(problem_p.LEVELS_ISOTROPIC[level], element, bent=False)
+    scene = problem_p.scene(body, growth="isotropic")
+    angle = problem_p.fold_angle(scene, *at_end(scene, LoadSteps(rtol=1e-7, step=1 / 12)))
+    assert angle == pytest.approx(problem_p.ANGLE_ISOTROPIC, rel=0.015)
+
+
 def test_linear_tetrahedra_lock():
     angles = []
     for element in ("tet4", "tet10"):
