@@ -13,7 +13,7 @@ import resource
 import sys
 import time
 from concurrent.futures import ProcessPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -32,6 +32,8 @@ class Config:
     path_levels: tuple[int, ...] = (0, 1, 2, 3)
     path_elements: tuple[str, ...] = ("hex27", "hex20", "tet10")
     path_threads: int = 2
+    # (level, elements across) of hex27 paths with about 10⁴ and 5·10⁴ unknowns: who spends the time
+    path_sizes: tuple[tuple[int, int], ...] = ((3, 2), (3, 12))
     # one Newton iteration against unknowns, about so many
     hex27: tuple[int, ...] = (1_000, 3_000, 10_000, 50_000, 100_000)
     tet4: tuple[int, ...] = (1_000, 10_000, 40_000, 200_000, 850_000)
@@ -42,6 +44,7 @@ TINY = Config(
     path_levels=(0,),
     path_elements=("hex20",),
     path_threads=1,
+    path_sizes=((0, 2),),
     hex27=(1_000,),
     tet4=(1_000, 3_000),
 )
@@ -52,6 +55,10 @@ def run(config: Config, tracker) -> dict[str, Any]:
         _alone(config.path_threads, path_cost, element, level)
         for element in config.path_elements
         for level in config.path_levels
+    ]
+    paths += [
+        _alone(config.path_threads, path_cost, "hex27", level, across)
+        for level, across in config.path_sizes
     ]
     rows = []
     for element in ("hex27", "tet4"):
@@ -93,14 +100,17 @@ def _peak_mb() -> float:
     return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
 
 
-def path_cost(element: str, level: int) -> dict[str, Any]:
-    """Problem P from flat to g = −0.3: error of the angle, seconds, iterations, memory."""
+def path_cost(element: str, level: int, across: int = 1) -> dict[str, Any]:
+    """Problem P from flat to g = −0.3: error of the angle, seconds, iterations, memory.
+
+    ``overhead``: share of the path's time that is neither factorisation nor solve.
+    """
     from experiments.problem_p import follow_to
     from solver.cases import problem_p
 
     follow_to(problem_p.scene(problem_p.mesh(0, element), g=-0.01))  # compiles, or loads the cache
     start = time.perf_counter()
-    body = problem_p.mesh(level, element)
+    body = problem_p.mesh(replace(problem_p.LEVELS[level], across=across), element)
     scene = problem_p.scene(body)
     pure = _clocked(scene)
     built = time.perf_counter()
@@ -111,6 +121,7 @@ def path_cost(element: str, level: int) -> dict[str, Any]:
     return {
         "element": element,
         "level": level,
+        "across": across,
         "unknowns": scene.size,
         "angle": angle,
         "error": abs(angle / problem_p.ANGLE - 1),

@@ -1,4 +1,4 @@
-"""Label sources. The only foldlab file that may import ``solver``, and only when it is asked for."""
+"""Label sources. The only foldlab file that may import ``solver``, and only on request."""
 
 from __future__ import annotations
 
@@ -337,8 +337,8 @@ class SolverSource:
             ):
                 foldable, evidence["outcome"] = None, "unresolved"
                 reason = (
-                    f"unknown: {run.measures['m1']:.3g} rad is as near to the {need:.3g} rad needed "
-                    f"as its error, {100 * error:.2g} %"
+                    f"unknown: {run.measures['m1']:.3g} rad is as near to the {need:.3g} rad "
+                    f"needed as its error, {100 * error:.2g} %"
                 )
         return Label(design, foldable, reason, evidence, self.name, self.version)
 

@@ -288,10 +288,10 @@ class Body:
         # Boxes: scikit-fem's search loses points in cells a thousand times longer than thick.
         slack = 1e-9 * size.max(axis=0)
         cell = np.empty(len(points), int)
-        for k, X in enumerate(points):
-            inside = ((low - slack <= X) & (X <= high + slack)).all(axis=1)
+        for k, at in enumerate(points):
+            inside = ((low - slack <= at) & (at <= high + slack)).all(axis=1)
             if not inside.any():
-                raise ValueError(f"the point {tuple(X)} is outside of the body")
+                raise ValueError(f"the point {tuple(at)} is outside of the body")
             cell[k] = inside.argmax()
         local = ((points - low[cell]) / size[cell]).T
         element = ELEMENTS[self.element][0]()

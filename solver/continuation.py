@@ -16,7 +16,7 @@ from scipy.optimize import brentq
 from solver.arc import Point, between, tangent
 from solver.newton import Outcome, newton
 from solver.scene import Scene
-from solver.stability import Event, StablePath, locate
+from solver.stability import Ended, Event, StablePath, locate
 from solver.steppers import ArcLength, LoadSteps, Noise, turned
 
 __all__ = [
@@ -92,9 +92,20 @@ def follow(
     points where the number of unstable modes or the direction of the load changes. ``bounds``:
     loads at which to give up.
 
-    Raises ValueError for a guess of the wrong shape, for max_steps < 1, and for a body that can be
-    moved rigidly without resistance.
+    Raises ValueError for a guess of the wrong shape, for max_steps < 1, for a body that can be
+    moved rigidly without resistance, and for a start at a load where a term has no meaning.
     """
+    ended = yield from _walk(
+        scene, start, stepper, e=e, until=until, max_steps=max_steps, events=events, bounds=bounds
+    )
+    return ended.outcome
+
+
+def _walk(
+    scene, start, stepper, *, max_steps, e=0.0, until=Load(1.0), events=True,
+    bounds=(-np.inf, np.inf),
+) -> Generator[Point, None, Ended]:  # fmt: skip
+    """:func:`follow`, which tells what was located beyond the last point too."""
     if max_steps < 1:
         raise ValueError(f"max_steps = {max_steps}; expected at least 1")
     target = until.value if isinstance(until, Load) else None
@@ -106,14 +117,16 @@ def follow(
         sign = -1.0 if target is not None and target < e else 1.0
         point = stepper.begin(scene, start, e, sign)
         if isinstance(point, Outcome):
-            return point
+            return Ended(point)
         yield point
     gap = until(point)
     if gap == 0 and target is not None:
-        return Outcome.REACHED
+        return Ended(Outcome.REACHED)
     for _ in range(max_steps):
-        found = stepper.advance(scene, point, target)
+        found = getattr(stepper, "attempt", stepper.advance)(scene, point, target)
         if isinstance(found, Outcome):
+            return Ended(found)
+        if isinstance(found, Ended):
             return found
         located = found.events
         if events and not located:
@@ -126,13 +139,13 @@ def follow(
         if end is not None:
             passed = tuple(ev for ev in located if _precedes(ev, point, end))
             yield replace(end, events=passed)
-            return Outcome.REACHED
+            return Ended(Outcome.REACHED)
         if not bounds[0] <= found.e <= bounds[1]:
-            return Outcome.OUT_OF_BOUNDS
+            return Ended(Outcome.OUT_OF_BOUNDS)
         point = replace(found, events=located)
         gap = until(point)
         yield point
-    return Outcome.MAX_STEPS
+    return Ended(Outcome.MAX_STEPS)
 
 
 def trace(
@@ -146,14 +159,14 @@ def trace(
     A path that starts from a Point contains it as its first.
     """
     points = [start] if isinstance(start, Point) else []
-    walk = follow(scene, start, stepper, **options)
+    walk = _walk(scene, start, stepper, **options)
     while True:
         try:
             points.append(next(walk))
         except StopIteration as stop:
             own = points[1:] if isinstance(start, Point) else points
             found = tuple(ev for p in own for ev in p.events)
-            return Path(tuple(points), stop.value, found)
+            return Path(tuple(points), stop.value.outcome, found + stop.value.events)
 
 
 def _end(scene, before, after, located, until, gap, rtol) -> Point | Outcome | None:

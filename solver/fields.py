@@ -19,6 +19,13 @@ Quantity = float | np.ndarray | Callable
 Points = Callable[[], np.ndarray]
 
 
+class Unphysical(ValueError):
+    """A quantity without physical meaning at some load, such as growth that turns a body inside
+    out. An error where a scene is built or a path sets out; a load that a step tries is refused
+    for it, as for an inverted element.
+    """
+
+
 def takes_position(value) -> bool:
     """Whether a function is one of load and position, f(e, X)."""
     try:
@@ -45,7 +52,7 @@ def resolve(
     """The quantity at the load e, (1 | m, 1 | q, *tail), stored no larger than it was given.
 
     ``shape`` is (m, q), ``points`` gives X (m, q, 3) where a function asks for it. Raises
-    ValueError for a shape that fits none of the forms above, or for values that are not finite.
+    ValueError for a shape that fits none of the forms above, Unphysical for values not finite.
     """
     if callable(value):
         if takes_position(value):
@@ -70,7 +77,7 @@ def resolve(
         )
     if not np.isfinite(a).all():
         cell, point = np.argwhere(~np.isfinite(a))[0][:2]
-        raise ValueError(
+        raise Unphysical(
             f"{name} is not finite at e = {e:g} (cell {cell}, point {point}); mend the field"
         )
     return a

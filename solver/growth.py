@@ -11,7 +11,7 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from solver.fields import Points, Quantity, resolve, takes_position, unit
+from solver.fields import Points, Quantity, Unphysical, resolve, takes_position, unit
 
 
 class Growth:
@@ -32,8 +32,8 @@ class Growth:
     ) -> tuple[np.ndarray, np.ndarray]:
         """Fg⁻¹ (1 | m, 1 | q, 3, 3) and Jg = det Fg (1 | m, 1 | q) at the load e.
 
-        Raises ValueError, naming the place, where det Fg is not positive or not finite, and for
-        fields or masks of the wrong shape.
+        Raises Unphysical, naming the place, where det Fg is not positive or not finite, and
+        ValueError for fields or masks of the wrong shape.
         """
         Fg = self.tensor(e, shape, points)
         if self.cells is not None:
@@ -52,7 +52,7 @@ class Growth:
                 if points is not None:
                     x, y, z = points()[cell, point]
                     where += f", near ({x:.4g}, {y:.4g}, {z:.4g})"
-            raise ValueError(
+            raise Unphysical(
                 f"growth has det Fg = {J[cell, point]:.4g} {where} at e = {e:g}; expected a "
                 "positive, finite determinant: contract less (g > -1) or mend the field"
             )
@@ -80,7 +80,7 @@ class Orthotropic(Growth):
     """Fg = I + Σ g_k e_k ⊗ e_k (Eq. 2.29); ``g`` three quantities, one per direction.
 
     ``frame``: orthonormal rows e_k, (3, 3), per cell (m, 3, 3) or per point (m, q, 3, 3); None: the
-    coordinate axes. Raises ValueError where the rows are not orthonormal or 1 + g_k ≤ 0.
+    coordinate axes. Raises ValueError where the rows are not orthonormal, Unphysical for g_k ≤ −1.
     """
 
     def __init__(
@@ -101,7 +101,7 @@ class Orthotropic(Growth):
         g = np.stack(np.broadcast_arrays(*parts), axis=-1)
         if (g <= -1).any():
             cell, point, k = np.argwhere(g <= -1)[0]
-            raise ValueError(
+            raise Unphysical(
                 f"growth g{k + 1} = {g[cell, point, k]:.4g} at e = {e:g} (cell {cell}, point "
                 f"{point}) turns the body inside out; expected g > -1: contract less"
             )
@@ -134,7 +134,7 @@ class Apical(Growth):
     """Apical constriction, Fg = I / (1 − g β(X)) (Eq. 5.62).
 
     ``g`` as everywhere; ``beta`` an array or a function β(X) of the points X (m, q, 3), with values
-    in [0, 1]. The sign is the dissertation's, so g < 0 contracts. Raises ValueError where
+    in [0, 1]. The sign is the dissertation's, so g < 0 contracts. Raises Unphysical where
     1 − g β ≤ 0.
     """
 
@@ -166,7 +166,7 @@ class Apical(Growth):
         rest = 1 - g * beta
         if not (rest > 0).all():
             cell, point = np.argwhere(~(rest > 0))[0]
-            raise ValueError(
+            raise Unphysical(
                 f"1 - g beta = {rest.min():.4g} at e = {e:g} (cell {cell}, point {point}); "
                 "expected more than 0: take g < 1 (g < 0 contracts)"
             )

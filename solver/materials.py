@@ -14,7 +14,7 @@ from math import exp, isfinite, log
 import numba
 import numpy as np
 
-from solver.fields import Points, Quantity, resolve, unit, varies
+from solver.fields import Points, Quantity, Unphysical, resolve, unit, varies
 
 
 def lame(E, nu):
@@ -88,13 +88,13 @@ class Material:
 
 def _check_modulus(E: np.ndarray) -> None:
     if not (E > 0).all():
-        raise ValueError(f"E = {np.min(E):g}; expected E > 0: give a positive Young's modulus")
+        raise Unphysical(f"E = {np.min(E):g}; expected E > 0: give a positive Young's modulus")
 
 
 def _check_ratio(nu: np.ndarray) -> None:
     bad = ~((nu > -1) & (nu < 0.5))
     if bad.any():
-        raise ValueError(
+        raise Unphysical(
             f"nu = {nu[bad].flat[0]:g}; expected -1 < nu < 0.5: for a nearly incompressible "
             "material take 0.49 to 0.499"
         )
@@ -352,4 +352,4 @@ class FibreReinforced(Material):
 
 def _check_fibre(k1: np.ndarray) -> None:
     if not (k1 > 0).all():
-        raise ValueError(f"k1 = {np.min(k1):g}; expected k1 > 0: give a positive fibre stiffness")
+        raise Unphysical(f"k1 = {np.min(k1):g}; expected k1 > 0: give a positive fibre stiffness")

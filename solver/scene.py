@@ -19,8 +19,9 @@ from typing import Protocol
 import numpy as np
 
 from solver.body import Body, NodeGraph
+from solver.fields import Unphysical
 from solver.linear import Factor, ScaledFactor, make_solver
-from solver.supports import Fixed, Row, is_zero, rotation_row, translation_row
+from solver.supports import Fixed, Held, Row, rotation_row, translation_row
 
 __all__ = [
     "Evaluation", "Fixed", "Row", "Scales", "Scene", "System", "Term", "rotation_row",
@@ -123,7 +124,12 @@ class Scene:
             raise ValueError("no term has a stiffness; add an Elastic term to the scene")
         self.symmetric = all(term.symmetric for term in self.terms)
         self.n_nodes = len(body.nodes)
-        self._hold(fixed)
+        self._held = Held(self.n_nodes, fixed)
+        self.n_free = len(self._held.index)
+        self.n_rows = len(self.rows)
+        self.size = self.n_free + self.n_rows
+        local = [self._held.to_local(r.coefficients).ravel() for r in self.rows]
+        self._C = np.array(local).reshape(self.n_rows, 3 * self.n_nodes)
         self._graph()
         self._matrix()
         if linear == "cg" and self.rows:
@@ -141,100 +147,16 @@ class Scene:
 
     # -- what is held ----------------------------------------------------------------------------
 
-    def _hold(self, fixed: Sequence[Fixed]) -> None:
-        n = self.n_nodes
-        directions: dict[int, list[tuple[np.ndarray, int]]] = {}
-        for k, support in enumerate(fixed):
-            d = np.asarray(support.direction, dtype=float)
-            if d.shape != (3,) or not np.linalg.norm(d) > 0:
-                raise ValueError(f"direction {support.direction!r}: expected three numbers, not 0")
-            d = d / np.linalg.norm(d)
-            for node in np.atleast_1d(support.nodes):
-                known = directions.setdefault(int(node), [])
-                along = [abs(d @ other) for other, _ in known]
-                if any(c > 1 - 1e-9 for c in along):
-                    continue
-                new = d
-                if any(c > 1e-9 for c in along):
-                    if any(not is_zero(fixed[i].value) for i in (k, *(i for _, i in known))):
-                        raise ValueError(
-                            f"node {node} is moved along directions at an angle to each other; "
-                            "give orthogonal directions, or hold all of them at 0"
-                        )
-                    # At rest only the space that the directions span matters.
-                    for other, _ in known:
-                        new = new - (new @ other) * other
-                    if np.linalg.norm(new) < 1e-9:
-                        continue
-                    new = new / np.linalg.norm(new)
-                known.append((new, k))
-        frames = np.zeros((n, 3, 3))
-        frames[:] = np.eye(3)
-        held = np.full((n, 3), -1)
-        turned = []
-        for node, given in directions.items():
-            axes = [int(np.argmax(np.abs(d))) for d, _ in given]
-            aligned = all(abs(abs(d[a]) - 1) < 1e-12 for (d, _), a in zip(given, axes, strict=True))
-            if aligned:
-                for (_, k), a in zip(given, axes, strict=True):
-                    held[node, a] = k
-                continue
-            basis = np.array([d for d, _ in given])
-            rest = np.linalg.svd(basis)[2][len(given) :]
-            frames[node] = np.vstack([basis, rest]).T  # columns: held directions first
-            held[node, : len(given)] = [k for _, k in given]
-            turned.append(node)
-        self._frames, self._turned = frames, np.array(sorted(turned), dtype=int)
-        self.free = held.ravel() < 0
-        self.n_free = int(self.free.sum())
-        self._free_index = np.flatnonzero(self.free)
-        # Values per prescribed component, in its own frame; the sign of an axis counts.
-        self._values = []
-        for k, support in enumerate(fixed):
-            nodes, axes = np.nonzero(held == k)
-            d = np.asarray(support.direction, dtype=float)
-            d = d / np.linalg.norm(d)
-            sign = np.einsum("ij,ij->i", frames[nodes][:, :, :].transpose(0, 2, 1)[
-                np.arange(len(nodes)), axes], np.broadcast_to(d, (len(nodes), 3)))  # fmt: skip
-            at = np.searchsorted(np.sort(np.atleast_1d(support.nodes)), nodes)
-            order = np.argsort(np.atleast_1d(support.nodes))
-            self._values.append((support.value, 3 * nodes + axes, sign, order[at]))
-        self._moving = any(callable(v) for v, *_ in self._values)
-        self.n_rows = len(self.rows)
-        self.size = self.n_free + self.n_rows
-        local = [self._to_local(r.coefficients).ravel() for r in self.rows]
-        self._C = np.array(local).reshape(self.n_rows, 3 * n)
-
-    def _to_local(self, v: np.ndarray) -> np.ndarray:
-        if not len(self._turned):
-            return v
-        out = v.copy()
-        t = self._turned
-        out[t] = np.einsum("nji,nj->ni", self._frames[t], v[t])
-        return out
-
-    def _to_global(self, v: np.ndarray) -> np.ndarray:
-        if not len(self._turned):
-            return v
-        out = v.copy()
-        t = self._turned
-        out[t] = np.einsum("nij,nj->ni", self._frames[t], v[t])
-        return out
-
     def displacement(self, x: np.ndarray, e: float) -> np.ndarray:
         """u (nodes, 3) of the unknowns x at the load e."""
-        local = np.zeros(3 * self.n_nodes)
-        local[self._free_index] = x[: self.n_free]
-        for value, where, sign, order in self._values:
-            v = value(e) if callable(value) else value
-            v = np.asarray(v, dtype=float)
-            local[where] = sign * (v[order] if v.ndim else v)
-        return self._to_global(local.reshape(-1, 3))
+        local = self._held.values(e)
+        local[self._held.index] = x[: self.n_free]
+        return self._held.to_global(local.reshape(-1, 3))
 
     def unknowns(self, u: np.ndarray, multipliers: np.ndarray | None = None) -> np.ndarray:
         """x of a displacement (nodes, 3); prescribed components are dropped."""
         x = np.zeros(self.size)
-        x[: self.n_free] = self._to_local(u).ravel()[self._free_index]
+        x[: self.n_free] = self._held.to_local(u).ravel()[self._held.index]
         if multipliers is not None:
             x[self.n_free :] = multipliers
         return x
@@ -242,8 +164,8 @@ class Scene:
     def step_displacement(self, dx: np.ndarray) -> np.ndarray:
         """du (nodes, 3) of a change of the unknowns at fixed load."""
         local = np.zeros(3 * self.n_nodes)
-        local[self._free_index] = dx[: self.n_free]
-        return self._to_global(local.reshape(-1, 3))
+        local[self._held.index] = dx[: self.n_free]
+        return self._held.to_global(local.reshape(-1, 3))
 
     def refuse_free_motion(self, x: np.ndarray, e: float) -> None:
         """Raises ValueError if the body can be moved rigidly without any resistance at (x, e).
@@ -260,15 +182,15 @@ class Scene:
         now = (self.body.nodes + u) - self.body.nodes.mean(axis=0)
         modes = [np.broadcast_to(axis, now.shape) for axis in np.eye(3)]
         modes += [np.cross(axis, now) / self.body.length for axis in np.eye(3)]
-        M = np.column_stack([self._to_local(m.copy()).ravel() for m in modes])
-        against = np.vstack([M[~self.free], self._C @ M])
+        M = np.column_stack([self._held.to_local(m.copy()).ravel() for m in modes])
+        against = np.vstack([M[~self._held.free], self._C @ M])
         left = np.eye(6)
         if len(against):
             _, sizes, rest = np.linalg.svd(against, full_matrices=True)
             left = rest[np.sum(sizes > 1e-9 * max(sizes.max(), 1e-300)) :].T
         if not left.size:
             return
-        free = np.stack([self._to_global((M @ k).reshape(-1, 3)) for k in left.T])
+        free = np.stack([self._held.to_global((M @ k).reshape(-1, 3)) for k in left.T])
         a = np.repeat(np.arange(self.graph.n), np.diff(self.graph.indptr))
         pull = np.einsum("bij,kbj->kbi", stiffness, free[:, self.graph.indices])
         work = np.einsum("kbi,lbi->kl", pull, free[:, a])
@@ -283,7 +205,10 @@ class Scene:
     # -- the sum of the terms --------------------------------------------------------------------
 
     def evaluate(self, u: np.ndarray, e: float, order: int = 2) -> Evaluation:
-        """Sum of all terms in the nodes' common frame."""
+        """Sum of all terms in the nodes' common frame.
+
+        Raises :class:`solver.fields.Unphysical` for a load at which a term has no meaning.
+        """
         energy: float | None = 0.0
         force = np.zeros((self.n_nodes, 3)) if order >= 1 else None
         blocks, own = None, False
@@ -309,26 +234,33 @@ class Scene:
                 blocks[where] += part.stiffness  # each block stands once
         return Evaluation(energy, force, blocks)
 
+    def _tried(self, u: np.ndarray, e: float, order: int) -> Evaluation:
+        """The sum of the terms at a state that an iteration tries, which may make no sense."""
+        try:
+            return self.evaluate(u, e, order)
+        except Unphysical:
+            return Evaluation(np.inf)
+
     def energy(self, x: np.ndarray, e: float) -> float | None:
         """Total energy with the multipliers' part left out; inf where not admissible."""
-        return self.evaluate(self.displacement(x, e), e, 0).energy
+        return self._tried(self.displacement(x, e), e, 0).energy
 
     def residual(self, x: np.ndarray, e: float) -> np.ndarray | None:
         """R(x, e), shape (size,); None where the state is not admissible."""
         u = self.displacement(x, e)
-        part = self.evaluate(u, e, 1)
+        part = self._tried(u, e, 1)
         return None if part.force is None else self._residual(part.force, u, x, e)
 
     def gradient(self, x: np.ndarray, e: float) -> tuple[float | None, np.ndarray] | None:
         """Energy (None where there is none) and residual; None where not admissible."""
         u = self.displacement(x, e)
-        part = self.evaluate(u, e, 1)
+        part = self._tried(u, e, 1)
         return None if part.force is None else (part.energy, self._residual(part.force, u, x, e))
 
     def system(self, x: np.ndarray, e: float) -> System | None:
         """Residual and tangent; None where the state is not admissible."""
         u = self.displacement(x, e)
-        part = self.evaluate(u, e, 2)
+        part = self._tried(u, e, 2)
         if part.force is None:
             return None
         R = self._residual(part.force, u, x, e)
@@ -355,13 +287,13 @@ class Scene:
         return min([1.0, *steps])
 
     def _residual(self, force, u, x, e) -> np.ndarray:
-        local = self._to_local(force).ravel()
+        local = self._held.to_local(force).ravel()
         R = np.empty(self.size)
-        R[: self.n_free] = local[self._free_index]
+        R[: self.n_free] = local[self._held.index]
         if self.n_rows:
-            R[: self.n_free] += self._C[:, self._free_index].T @ x[self.n_free :]
+            R[: self.n_free] += self._C[:, self._held.index].T @ x[self.n_free :]
             targets = [r.value(e) if callable(r.value) else r.value for r in self.rows]
-            R[self.n_free :] = self._C @ self._to_local(u).ravel() - targets
+            R[self.n_free :] = self._C @ self._held.to_local(u).ravel() - targets
         return R
 
     def factorised(self, values: np.ndarray) -> Factor:
@@ -393,7 +325,7 @@ class Scene:
         """Where each entry of the matrix (upper triangle if symmetric) comes from."""
         g, n_free = self.graph, self.n_free
         number = np.full(3 * self.n_nodes, -1)
-        number[self._free_index] = np.arange(n_free)
+        number[self._held.index] = np.arange(n_free)
         a = np.repeat(np.arange(g.n), np.diff(g.indptr))
         b = g.indices.astype(np.int64)
         rows = number[(3 * a[:, None] + np.arange(3))][:, :, None]
@@ -405,7 +337,7 @@ class Scene:
         source = np.flatnonzero(keep)
         rows, cols = rows[source], cols[source]
         if self.n_rows:
-            C = self._C[:, self._free_index]
+            C = self._C[:, self._held.index]
             k, j = np.nonzero(C)
             self._row_values = C[k, j]
             lower = np.arange(n_free, self.size)
@@ -434,7 +366,7 @@ class Scene:
         self._gather_index = position[order]
 
     def _gather(self, blocks: np.ndarray) -> np.ndarray:
-        if len(self._turned):
+        if len(self._held.turned):
             blocks = self._turn(blocks)
         flat = blocks.reshape(-1)
         if len(self._tail):
@@ -445,11 +377,14 @@ class Scene:
         g = self.graph
         a = np.repeat(np.arange(g.n), np.diff(g.indptr))
         turned = np.zeros(g.n, bool)
-        turned[self._turned] = True
+        turned[self._held.turned] = True
         hit = np.flatnonzero(turned[a] | turned[g.indices])
         out = blocks.copy()
         out[hit] = np.einsum(
-            "nji,njk,nkl->nil", self._frames[a[hit]], blocks[hit], self._frames[g.indices[hit]]
+            "nji,njk,nkl->nil",
+            self._held.frames[a[hit]],
+            blocks[hit],
+            self._held.frames[g.indices[hit]],
         )
         return out
 
@@ -458,7 +393,9 @@ class Scene:
         arm = (self.body.nodes - self.body.nodes.mean(axis=0)) / self.body.length
         modes = [np.broadcast_to(axis, arm.shape) for axis in np.eye(3)]
         modes += [np.cross(axis, arm) for axis in np.eye(3)]
-        return np.column_stack([self._to_local(m.copy()).ravel()[self._free_index] for m in modes])
+        return np.column_stack(
+            [self._held.to_local(m.copy()).ravel()[self._held.index] for m in modes]
+        )
 
     def _natural_scales(self) -> tuple[float, float]:
         """Force and energy of a unit mean stretch: from the stiffness of the undeformed state."""

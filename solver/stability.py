@@ -8,7 +8,7 @@ branch point it has none, the load goes on and a second path crosses.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.optimize import brentq
@@ -202,13 +202,13 @@ def switch(
         raise ValueError(f"a {event.kind} has no second path; switch at an event of kind 'branch'")
     mode = np.append(event.vector / largest(event.vector), 0.0) * scene.scales.length * side
     metric, here = near.metric, np.append(event.x, event.e)
-    # Across the first path, so that it can't be found again.
-    along = metric.unit(event.tangent)
-    mode = mode - metric.dot(mode, along) * along
     size = displacement_size(scene, mode[:-1])
     for _ in range(8):
+        # Across the first path, so that it can't be found again; measured by the mode's own size,
+        # beside which a straight column hardly moves along its path.
         own = metric.sized(amplitude * size, metric.b)
-        line = amplitude * mode
+        along = own.unit(event.tangent)
+        line = amplitude * (mode - own.dot(mode, along) * along)
         found = correct(
             scene, here + line, Plane(here + line, own.row(line)),
             rtol=rtol, load_size=metric.b, max_iterations=20,
@@ -226,15 +226,25 @@ def switch(
 
 
 @dataclass(frozen=True)
+class Ended:
+    """Why a path has no next point, and what was located beyond its last one."""
+
+    outcome: Outcome
+    events: tuple[Event, ...] = ()
+
+
+@dataclass(frozen=True)
 class StablePath:
     """What a real body does as the load grows: it stays on a stable path while there is one.
 
     ``steps``: the load steps on it. Where a step fails or ends in an unstable state, the loss of
-    stability is located by following the arc; beyond it the state is perturbed along the critical
-    vector (``nudge``, max|Δu| / length, ``side`` ±1 chooses the way at a branch point) and the
-    energy falls to the next stable equilibrium, from which the path goes on. ``beyond``: how far
-    past the critical load that is, as a share of the step. ``reach``: see
-    :func:`solver.descent.descend`. Needs a scene with an energy.
+    stability is located by following the arc; beyond it the energy falls to the next stable
+    equilibrium, from which the path goes on. ``side`` ±1 chooses the way at a branch point. Where a
+    stable second path goes on with the load the fall starts beside it, elsewhere from the critical
+    state moved along the critical vector (``nudge``, max|Δu| / length). ``beyond``: how far past
+    the critical load that is, as a share of the step. ``reach``: see
+    :func:`solver.descent.descend`. Where the fall doesn't end the three grow fivefold, twice; at a
+    branch point the other side is tried last. Needs a scene with an energy.
     """
 
     steps: LoadSteps
@@ -243,12 +253,6 @@ class StablePath:
     beyond: float = 1e-2
     reach: float = 0.1
     max_arc_steps: int = 60
-    _quick: LoadSteps = field(init=False, repr=False)
-
-    def __post_init__(self):
-        # A step that fails once may be hard; one that fails at a tenth is at a critical point.
-        quick = replace(self.steps, smallest=max(self.steps.smallest, 0.9 / self.steps.cut))
-        object.__setattr__(self, "_quick", quick)
 
     @property
     def rtol(self) -> float:
@@ -268,7 +272,16 @@ class StablePath:
 
     def advance(self, scene: Scene, point: Point, target: float | None) -> Point | Outcome:
         """The next stable point."""
-        found = self._quick.advance(scene, point, target)
+        found = self.attempt(scene, point, target)
+        return found.outcome if isinstance(found, Ended) else found
+
+    def attempt(self, scene: Scene, point: Point, target: float | None) -> Point | Ended:
+        """The next stable point, or why there is none and the events on the way to that."""
+        # A step that fails once may be hard; one that fails at a tenth is at a critical point.
+        now = point.control[0] if len(point.control) == 1 else self.steps.first * self.steps.step
+        tenth = 0.9 * min(now / self.steps.step, 1.0) / self.steps.cut
+        quick = replace(self.steps, smallest=max(self.steps.smallest, tenth))
+        found = quick.advance(scene, point, target)
         if isinstance(found, Point) and found.unstable == 0:
             return found
         events = ()
@@ -280,12 +293,11 @@ class StablePath:
                 return met
             events = met
         sign = float(np.sign(target - point.e if target is not None else point.tangent[-1]))
-        if not events:
-            return self._fall(scene, point, None, sign, target)
-        return self._fall(scene, point, events[0], sign, target)
+        return self._fall(scene, point, events[0] if events else None, sign, target)
 
     def _arc_to_event(self, scene, point, target) -> tuple[Event, ...] | Point:
-        """Follow the arc until stability is lost; a Point if a whole load step stays stable."""
+        """Follow the arc until stability is lost; a Point if it stays stable for a load step, or
+        as far as the arc goes."""
         arc = ArcLength(
             self.rtol, max(0.3 * point.metric.a, 1e-9), 0.3 * point.metric.b, largest=3.0
         )
@@ -293,45 +305,83 @@ class StablePath:
         for _ in range(self.max_arc_steps):
             found = arc.advance(scene, here)
             if isinstance(found, Outcome):
-                return ()
+                break
             if found.unstable != 0 or found.tangent[-1] * sign < 0:
                 return locate(scene, here, found, rtol=self.rtol)[:1]
             passed = target is not None and (found.e - target) * sign >= 0
             if passed or (found.e - point.e) * sign >= self.steps.step:
                 break
             here = found
-        else:
-            return ()
         if here is point:
             return ()
         return replace(here, index=point.index + 1, control=point.control)
 
-    def _fall(self, scene, point, event, sign, target) -> Point | Outcome:
+    def _fall(self, scene, point, event, sign, target) -> Point | Ended:
         """Beyond the critical load, down the energy to a stable state."""
-        x, e, located = point.x, point.e, ()
-        mode = np.zeros(scene.size)
-        if event is not None:
-            x, e, located = event.x, event.e, (event,)
-            mode = event.vector * scene.scales.length / largest(event.vector)
-            side = self.side
-            if event.kind == "fold":
-                side = 1 if point.metric.dot(event.tangent, np.append(mode, 0.0)) > 0 else -1
-            mode = self.nudge * side * mode
-        on = e + sign * self.beyond * self.steps.step
-        if target is not None and (on - target) * sign > 0:
-            on = target
+        located = () if event is None else (event,)
+        x, e = (point.x, point.e) if event is None else (event.x, event.e)
+        kind = "snap" if event is None or event.kind == "fold" else "bifurcation"
+        tries = [(1.0, 1), (5.0, 1), (25.0, 1), *([(5.0, -1)] if kind == "bifurcation" else [])]
+        first, spent = None, 0
+        for grown, side in tries:
+            on = e + sign * min(self.beyond * grown, 1.0) * self.steps.step
+            if target is not None and (on - target) * sign > 0:
+                on = target
+            start = self._start(scene, point, event, on, grown, side)
+            found = descend(scene, start, on, rtol=self.rtol, reach=self.reach * grown)
+            spent += found.iterations
+            if found.converged:
+                break
+            first = first or found.outcome
+        else:
+            return Ended(first, located)
         begin = scene.energy(x, on)
-        found = descend(scene, x + mode, on, rtol=self.rtol, reach=self.reach)
-        if not found.converged:
-            return found.outcome
-        shift = np.append(found.x - x, 0.0)
-        after = self.steps._point(scene, point, found, found.iterations, self.steps.step / 8)
+        # Beside a branch point the state moves like a root of the load: small steps at first.
+        control = min(self.steps.step / 8, max(abs(on - e), self.steps.smallest * self.steps.step))
+        after = self.steps._point(scene, point, found, spent, control)
         if after is None:
-            return Outcome.SINGULAR
+            return Ended(Outcome.SINGULAR, located)
+        shift = np.append(found.x - x, 0.0)
         snap = Event(
-            "bifurcation" if event is not None and event.kind == "branch" else "snap",
-            on, found.x, shift[:-1], 1.0, (event.unstable[1] if event else None, after.unstable),
+            kind, on, found.x, shift[:-1], 1.0, (event.unstable[1] if event else None, 0),
             size=largest(shift[: scene.n_free]) / scene.scales.length,
             energy_drop=float(begin - after.energy),
         )  # fmt: skip
         return replace(after, events=(*located, snap), history=())
+
+    def _start(self, scene, point, event, on, grown, side) -> np.ndarray:
+        """Where the fall to the load ``on`` starts."""
+        if event is None:
+            return point.x
+        if event.kind == "branch":
+            beside = self._beside(scene, point, event, on, self.side * side)
+            if beside is not None:
+                return beside
+        mode = event.vector * scene.scales.length / largest(event.vector)
+        if event.kind == "fold":
+            side = 1 if point.metric.dot(event.tangent, np.append(mode, 0.0)) > 0 else -1
+        else:
+            side = self.side * side
+        return event.x + min(self.nudge * grown, 0.1) * side * mode
+
+    def _beside(self, scene, point, event, on, side) -> np.ndarray | None:
+        """A state of the second path near the load ``on``; None if that path leads elsewhere.
+
+        A fall of a thin body from the critical state creeps: each step along the straight critical
+        vector stretches it.
+        """
+        amplitude, made = 1e-2, None
+        for _ in range(3):
+            found = switch(scene, event, point, rtol=self.rtol, amplitude=amplitude, side=side)
+            if isinstance(found, Outcome) or found.unstable != 0:
+                break
+            gone = (found.e - event.e) / (on - event.e)
+            if gone <= 0:
+                break
+            made = found
+            if abs(gone - 1) < 0.1:
+                break
+            # The second path's load grows with the square of the amplitude.
+            amplitude = largest((found.x - event.x)[: scene.n_free]) / scene.scales.length
+            amplitude = min(amplitude * np.sqrt(1 / gone), 0.3)
+        return None if made is None else made.x

@@ -245,7 +245,7 @@ class ArcLength:
         spent = 0
         while max(a / self.a, b / self.b) >= self.smallest:
             metric = point.metric.sized(a, b)
-            guess = self._guess(scene, point, metric)
+            guess = self._guess(scene, point, metric, biased=spent == 0)
             found = correct(
                 scene, guess, Ellipsoid(point.z, metric),
                 rtol=self.rtol, load_size=self.b, max_iterations=self.max_iterations,
@@ -262,12 +262,14 @@ class ArcLength:
         """The point: the arc keeps its direction; see :func:`turned`."""
         return point
 
-    def _guess(self, scene: Scene, point: Point, metric: Metric) -> np.ndarray:
+    def _guess(self, scene: Scene, point: Point, metric: Metric, biased: bool) -> np.ndarray:
         here, way = point.z, metric.unit(point.tangent)
         guesses = [here + way]
-        biased = here.copy()
-        biased[-1] += np.sign(way[-1]) * metric.b
-        guesses.append(biased)
+        # Close before a fold the load alone leads where the path doesn't go: a failure says so.
+        if biased:
+            ahead = here.copy()
+            ahead[-1] += np.sign(way[-1]) * metric.b
+            guesses.append(ahead)
         if point.history:
             nodes, s, last = [(0.0, here, way)], 0.0, here
             for e, x, t in point.history[: max(self.order // 2, 1)]:

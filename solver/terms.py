@@ -11,7 +11,7 @@ import time
 import numpy as np
 
 from solver.body import Body, Surface
-from solver.fields import Quantity, resolve, varies
+from solver.fields import Quantity, Unphysical, resolve, varies
 from solver.growth import Growth
 from solver.kernels import (
     SMALL,
@@ -140,7 +140,7 @@ class Gravity:
             shape = self.body.weights.shape
             rho = resolve("density", self.density, e, shape, self.body.points)
             if not (rho >= 0).all():
-                raise ValueError(
+                raise Unphysical(
                     f"density = {rho.min():g} at e = {e:g}; expected density >= 0: turn g around "
                     "to pull the other way"
                 )

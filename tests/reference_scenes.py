@@ -7,14 +7,31 @@ z their thickness, z = 0 the mid-plane.
 import numpy as np
 
 from solver.body import Body
+from solver.continuation import LoadSteps, trace
 from solver.growth import General, Orthotropic
 from solver.materials import NeoHookean, SmallStrain
 from solver.meshes import box, graded, joined, polar, spherical
 from solver.pressure import Pressure
-from solver.scene import Fixed, Row, Scene
+from solver.scene import Fixed, Scene
 from solver.terms import Elastic, Gravity, Traction
 
 AXES = np.eye(3)
+
+
+STEPS = LoadSteps(rtol=1e-8, step=0.1)
+
+
+def walked(scene, stepper=STEPS, **options):
+    """The path from the unloaded state to e = 1, which must be reached."""
+    options = {"max_steps": 400, "events": False} | options
+    path = trace(scene, np.zeros(scene.size), stepper, **options)
+    assert path.reached, path.outcome.value
+    return path
+
+
+def at_end(scene, stepper=STEPS, **options):
+    point = walked(scene, stepper, **options).last
+    return point.x, point.e
 
 
 def near(axis, value):
@@ -175,123 +192,13 @@ def inner_stretch(scene, x, e):
     return float((now[inner] / R[inner]).mean())
 
 
-def hinge(body, face, radius, components):
-    """Rows that keep the mean of u over the thickness at 0 along an end face.
+def cook(*, element="hex27", n=8, nu=1 / 3, E=1.0, load=1.0, material=SmallStrain, plane="stress",
+         ratio=1.0):  # fmt: skip
+    """Cook's membrane (48, 44, 16) under a shear load e·load on the right edge; thickness 1.
 
-    A hinge on one line of a solid lets that line sink into it, which a shell's hinge does not.
-    ``face``: nodes; ``radius``: their coordinate through the thickness.
+    ``ratio``: longest over shortest step; it is graded to the clamped corner that opens widest.
     """
-    rows = []
-    for z in np.unique(body.nodes[face, 2].round(9)):
-        line = face[np.abs(body.nodes[face, 2] - z) < 1e-6]
-        line = line[np.argsort(radius[line])]
-        share = np.array([1, 4, 2, 4, 1]) / 12  # Simpson on two quadratic layers
-        for k in components:
-            if k == 2 and abs(z) < 1e-9:
-                continue  # on the mirror plane z = 0 that component is held already
-            c = np.zeros_like(body.nodes)
-            c[line, k] = share
-            rows.append(Row(c, name="hinge"))
-    return rows
-
-
-def arch(*, hinged, n=16, e_to=1.0, whole=False, h=0.1875):
-    """Shallow circular arch, R = 133.114, half angle 7.3397°, crown load e·e_to (unit width).
-
-    Half of it by symmetry, or the whole with antisymmetric freedom. ν = 0; ends clamped or hinged.
-    """
-    R, half = 133.114, np.radians(7.3397)
-    low = np.pi / 2 - half
-    high = np.pi / 2 + half if whole else np.pi / 2
-    angles = np.linspace(low, high, (2 if whole else 1) * n + 1)
-    mesh = box(np.linspace(R - h / 2, R + h / 2, 3), angles, [0, 1.0], shape=polar)
-    body = Body.build(mesh, "hex27", bent=1)
-    X = body.nodes
-    angle = np.arctan2(X[:, 1], X[:, 0])
-    radius = np.hypot(X[:, 0], X[:, 1])
-    fixed = [*held(body, 2, 0.0, 2), *held(body, 2, 1.0, 2)]
-    rows = []
-    for end in (low, high) if whole else (low,):
-        face = np.flatnonzero(np.abs(angle - end) < 1e-9)
-        if hinged:
-            rows += hinge(body, face, radius, (0, 1))
-        else:
-            fixed += [Fixed(face, AXES[0]), Fixed(face, AXES[1])]
-    if not whole:
-        fixed += [Fixed(np.flatnonzero(np.abs(X[:, 0]) < 1e-9), AXES[0])]
-    crown = np.flatnonzero((np.abs(X[:, 0]) < 1e-9) & (np.abs(radius - R) < 1e-6))
-    share = 1.0 if whole else 0.5
-    load = NodeLoad(body, crown, lambda e: [0, -e * e_to * share, 0], across=2)
-    return Scene(body, [Elastic(body, NeoHookean(1e7, 0.0)), load], fixed=fixed, rows=rows), crown
-
-
-def roof(*, h=12.7, n=(6, 6), e_to=3.0):
-    """A quarter of the hinged cylindrical roof of Sze, Liu and Lo (2004), crown load 1000 e·e_to.
-
-    Arc in the x–y plane, axis along z; its straight edges are hinged.
-    """
-    R, half, angle = 2540.0, 254.0, 0.1
-    angles = np.linspace(np.pi / 2 - angle, np.pi / 2, n[0] + 1)
-    r = np.linspace(R - h / 2, R + h / 2, 3)
-    body = Body.build(box(r, angles, np.linspace(0, half, n[1] + 1), shape=polar), "hex27")
-    X = body.nodes
-    radius, at = np.hypot(X[:, 0], X[:, 1]), np.arctan2(X[:, 1], X[:, 0])
-    rows = hinge(body, np.flatnonzero(np.abs(at - angles[0]) < 1e-9), radius, (0, 1, 2))
-    fixed = [*held(body, 0, 0.0, 0), *held(body, 2, 0.0, 2)]
-    crown = np.flatnonzero(
-        (np.abs(X[:, 0]) < 1e-6) & (np.abs(X[:, 2]) < 1e-6) & (np.abs(radius - R) < 1e-5)
-    )
-    load = NodeLoad(body, crown, lambda e: [0, -e * e_to * 1000 / 4, 0])
-    term = Elastic(body, NeoHookean(3102.75, 0.3))
-    return Scene(body, [term, load], fixed=fixed, rows=rows), crown
-
-
-class NodeLoad:
-    """A dead force shared by nodes on a line across the width, as a uniform line load would."""
-
-    name, graph, symmetric = "node load", None, True
-
-    def __init__(self, body, nodes, force, across=None):
-        self.force, self.n = force, len(body.nodes)
-        share = np.ones(len(nodes)) / len(nodes)
-        if across is not None and len(nodes) == 3:
-            share = np.array([1, 4, 1]) / 6  # quadratic shapes on one element
-            nodes = nodes[np.argsort(body.nodes[nodes, across])]
-        self.nodes, self.share = nodes, share
-
-    def evaluate(self, u, e, order=2):
-        from solver.scene import Evaluation
-
-        f = np.asarray(self.force(e), dtype=float)
-        force = np.zeros((self.n, 3))
-        force[self.nodes] = -self.share[:, None] * f
-        return Evaluation(float((force * u).sum()), force, None)
-
-
-def column(*, h=0.02, n=10, end_load=0.0, weight=0.0):
-    """A column along x, standing on a clamped end x = 0; load or weight along −x, times e."""
-    body, fixed = strip(h, n)
-    terms = [Elastic(body, NeoHookean(modulus(h), 0.0))]
-    if end_load:
-        end = body.surface(near(0, 1.0))
-        terms.append(Traction(body, end, lambda e: np.array([-e * end_load / h, 0, 0])))
-    if weight:
-        terms.append(Gravity(body, 1.0, lambda e: np.array([-e * weight / h, 0, 0])))
-    return Scene(body, terms, fixed=[*fixed, *held(body, 0, 0.0, 0, 1, 2)])
-
-
-def squeezed_column(*, h, shortening, n=16):
-    """A column clamped at both ends, one of which comes down by e·shortening; and its nodes."""
-    body, fixed = strip(h, n)
-    top = body.nodes_where(near(0, 1.0))
-    fixed += held(body, 0, 0.0, 0, 1, 2)
-    fixed += [Fixed(top, AXES[0], value=lambda e: -e * shortening), Fixed(top, AXES[2])]
-    return Scene(body, [Elastic(body, NeoHookean(modulus(h), 0.0))], fixed=fixed), top
-
-
-def cook(*, element="hex27", n=8, nu=1 / 3, E=1.0, load=1.0, material=SmallStrain, plane="stress"):
-    """Cook's membrane (48, 44, 16) under a shear load e·load on the right edge; thickness 1."""
-    s = np.linspace(0, 1, n + 1)
+    s, t = (graded(0, 1, n, toward=end, ratio=ratio) for end in "ab")
 
     def shape(X):
         x, t = 48 * X[:, 0], X[:, 1]
@@ -299,7 +206,7 @@ def cook(*, element="hex27", n=8, nu=1 / 3, E=1.0, load=1.0, material=SmallStrai
         return np.stack([x, low + t * (high - low), X[:, 2]], axis=-1)
 
     thick = 1.0 if plane == "strain" else 0.02
-    mesh = box(s, s, [0, thick], shape=shape, quadratic=False, tets=element.startswith("tet"))
+    mesh = box(s, t, [0, thick], shape=shape, quadratic=False, tets=element.startswith("tet"))
     body = Body.build(mesh, element)
     fixed = [*held(body, 0, 0.0, 0, 1), *held(body, 2, 0.0, 2)]
     if plane == "strain":

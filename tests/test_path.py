@@ -27,7 +27,7 @@ from solver.continuation import (
     trace,
     turned,
 )
-from solver.growth import Orthotropic
+from solver.growth import Isotropic, Orthotropic
 from solver.materials import NeoHookean
 from solver.scene import Fixed, Scene, System, translation_row
 from solver.terms import Elastic
@@ -343,3 +343,27 @@ def test_the_energy_guides_where_unstable_modes_cannot_be_counted(monkeypatch):
     path = trace(scene, rest(scene), LoadSteps(1e-9, 1 / 6), max_steps=50)
     assert path.reached
     assert path.iterations <= 80
+
+
+@pytest.mark.parametrize(
+    "stepper",
+    [LoadSteps(1e-9, 0.3), ArcLength(1e-9, a=0.3, b=0.3), StablePath(LoadSteps(1e-9, 0.3))],
+    ids=["load steps", "arc length", "stable path"],
+)
+def test_growth_that_a_step_overshoots_shortens_the_step(stepper):
+    # At e = 0.8 nothing is left of the body; beyond it det Fg < 0.
+    body = Body.build(skfem.MeshHex.init_tensor(*(np.linspace(0, 1, 3),) * 3), "hex8")
+    planes = [
+        Fixed(body.nodes_where(lambda X, i=i: X[:, i] < 1e-9), np.eye(3)[i]) for i in range(3)
+    ]
+    growth = Isotropic(lambda e: -1.25 * e)
+    scene = Scene(body, [Elastic(body, NeoHookean(1.0, 0.3), growth)], fixed=planes)
+    path = trace(scene, rest(scene), stepper, until=load(0.75), max_steps=100)
+    assert path.reached
+    u = scene.displacement(path.last.x, path.last.e)
+    assert u == pytest.approx(-1.25 * 0.75 * body.nodes, abs=1e-7)
+    on = trace(scene, path.last, stepper, max_steps=100)
+    assert on.outcome in (Outcome.MIN_STEP, Outcome.NO_PROGRESS, Outcome.INADMISSIBLE)
+    assert 0.75 <= on.last.e < 0.8
+    with pytest.raises(ValueError, match="det Fg"):
+        trace(scene, rest(scene), stepper, e=0.9, max_steps=100)

@@ -7,6 +7,7 @@ import pytest
 import skfem
 from path_toys import (
     column,
+    function_scene,
     truss,
     truss_load,
 )
@@ -158,6 +159,38 @@ def test_a_stable_path_that_falls_for_ever_ends_in_words():
     )  # fmt: skip
     assert path.outcome in (Outcome.NO_STABLE_STATE, Outcome.NO_PROGRESS)
     assert 0.8 < path.last.e < 1
+    # What it failed at is known all the same.
+    assert kinds(path) == ["branch"]
+    assert path.events[0].e == pytest.approx(1.0, abs=1e-9)
+
+
+def test_a_fall_that_is_too_short_is_tried_again_with_a_longer_reach():
+    # 300 steps of 1e-3 don't get to the valley at 0.83.
+    scene = column(1.0, cubic=-0.5, quintic=0.5)
+    stepper = StablePath(LoadSteps(1e-11, 0.15), reach=1e-3)
+    path = trace(scene, rest(scene), stepper, until=load(1.4), max_steps=60)
+    assert path.reached
+    assert kinds(path) == ["branch", "bifurcation"]
+    assert path.events[1].size > 0.8
+    assert np.sign(path.last.x[0]) == np.sign(path.events[0].vector[0])  # not the other side's
+
+
+@pytest.mark.parametrize("side", [1, -1])
+def test_where_one_side_falls_for_ever_the_other_one_is_tried(side):
+    def wall(q):
+        return np.maximum(-q, 0.0)
+
+    scene = function_scene(
+        1,
+        lambda q, e: ((1 - e) * q**2 / 2 - q**4 / 4 + wall(q) ** 6 / 6)[0],
+        lambda q, e: (1 - e) * q - q**3 - wall(q) ** 5,
+        lambda q, e: np.diag(1 - e - 3 * q**2 + 5 * wall(q) ** 4),
+    )
+    stepper = StablePath(LoadSteps(1e-10, 0.15), side=side)
+    path = trace(scene, rest(scene), stepper, until=load(1.4), max_steps=60)
+    assert path.reached
+    assert kinds(path) == ["branch", "bifurcation"]
+    assert path.last.x[0] < -1
 
 
 def test_seeded_noise_leaves_unstable_states_and_can_be_repeated():

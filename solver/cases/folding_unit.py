@@ -17,7 +17,6 @@ from dataclasses import dataclass, field, fields
 from functools import cached_property
 
 import numpy as np
-
 from scipy.spatial import cKDTree
 
 from solver.body import Body
@@ -214,7 +213,8 @@ def build(
     ``stiffening``: factor on E_i as a function of e (§4.8.4). ``barrier``: "surface", or
     "exponential" for the dissertation's (Eq. 4.5). ``body``: a mesh of one's own, with sub-domains
     "passive" and "active". ``deadline``: ``time.monotonic()`` at
-    which any iteration is broken off. ``at`` gives the displacement (nodes, 3) about which rows hold rotations.
+    which any iteration is broken off. ``at`` gives the displacement (nodes, 3) about which rows
+    hold rotations.
 
     Raises ValueError for names that are not there and what mesh and terms refuse.
     """

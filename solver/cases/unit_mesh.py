@@ -67,7 +67,7 @@ def mesh(
     longest = half / max(np.ceil(turning / level.turn), 2)
     y = joined(
         half - growing(half, first, level.factor, longest)[::-1],
-        half + growing(0.5 - half, first, level.factor, _panel(unit, level, heavy)),
+        half + growing(0.5 - half, first, level.factor, _panel(unit, level, growth, heavy)),
     )
     x, solid = _across(unit, level, growth)
     start = level.layered * min(h, top)
@@ -93,12 +93,16 @@ def mesh(
     return Body.build(grid, element, bent=1 if element == "hex27" else None)
 
 
-def _panel(unit, level: Sizes, heavy: bool) -> float:
+def _panel(unit, level: Sizes, growth: str, heavy: bool) -> float:
     """Longest element of a panel along y."""
-    if not heavy:
-        return 0.4
-    # Length over which weight bends a sheet: (B/w)^⅓ with B = h³/12 and w = h³/Γ.
-    return min(0.2, level.panel * (unit.stiffness_to_weight / 12) ** (1 / 3) / 2)
+    longest = 0.4
+    if heavy:
+        # Length over which weight bends a sheet: (B/w)^⅓ with B = h³/12 and w = h³/Γ.
+        longest = min(0.2, level.panel * (unit.stiffness_to_weight / 12) ** (1 / 3) / 2)
+    if growth != "uniaxial":
+        # What curls across the hinge dies away in the panel over the hinge's width.
+        longest = min(longest, level.panel * unit.width / 3)
+    return longest
 
 
 def _across(unit, level: Sizes, growth: str):
