@@ -156,8 +156,8 @@ def verdict(
             True,
             "folds",
             (
-                f"folds by {last['m1']:.3g} rad, more than the {need:.3g} rad that count as folded, "
-                "and is stable there"
+                f"folds by {last['m1']:.3g} rad, more than the {need:.3g} rad that count as "
+                "folded, and is stable there"
             ),
         )
     if closed and last["m2"] > last["m1"]:
@@ -176,7 +176,7 @@ def verdict(
             advice = (
                 f"lift-off needs Γ ≥ {least:.2g} here, Γ is {gamma:.2g}"
                 if least > gamma
-                else f"they sag, and the hinge turns by only {last['hinge']:.2g} rad"
+                else f"they sag under their weight, and the hinge turns by {last['hinge']:.2g} rad"
             )
             return False, "grounded", f"panels never left the ground: {advice}"
         if not tags["F2"]:

@@ -185,7 +185,7 @@ class SolverSource:
 
         groups = self.space.validate(pd.DataFrame([dict(design)]), bounds=False)
         groups = groups[self.space.names].iloc[0].to_dict()
-        start = time.monotonic()
+        start, worked = time.monotonic(), time.process_time()
         deadline = start + self.timeout
         run, error, levels = self.run(groups, 0, deadline=deadline), None, 1
         for level in (1, 2):
@@ -206,7 +206,12 @@ class SolverSource:
             levels += 1
             if error <= self.accuracy:
                 break
-        return self._judge(groups, run, error, levels, time.monotonic() - start)
+        label = self._judge(groups, run, error, levels)
+        spent = {
+            "seconds": time.monotonic() - start,
+            "core_seconds": time.process_time() - worked,
+        }
+        return replace(label, evidence={**label.evidence, **spent})
 
     def run(
         self,
@@ -282,13 +287,12 @@ class SolverSource:
         )
         return Run(finer, [*run.history[:-1], row], False), SHARE * off
 
-    def _judge(self, design, run: Run, error, levels: int, seconds: float) -> Label:
+    def _judge(self, design, run: Run, error, levels: int) -> Label:
         thresholds = foldability.Thresholds()
         folding = run.folding
         evidence = {
             "outcome": folding.ending.name.lower(),
             "stable": False,
-            "seconds": seconds,
             "unknowns": folding.model.scene.size,
             "levels": levels,
             "iterations": folding.iterations,
@@ -309,6 +313,10 @@ class SolverSource:
                 "stable": last["unstable"] == 0 and run.settled,
                 "topples": folding.last.topples,
                 "events": events,
+                "history": [
+                    [round(h[k], 6) for k in ("contraction", "m1", "m2")] for h in run.history
+                ],
+                "curves": folding.last.curves[:, CURVE_POINTS].round(5).tolist(),
             }
             if "tip" in last:
                 first = run.history[0]
@@ -372,6 +380,9 @@ def _error(coarse: Run, fine: Run, design: Mapping[str, float]) -> float:
     scale = max(abs(rows[1]["m1"]), np.pi * design["contraction"])
     return SHARE * abs(rows[1]["m1"] - rows[0]["m1"]) / scale
 
+
+# Of the 1000 points of a curve, those that a label keeps.
+CURVE_POINTS = np.linspace(0, 999, 28).round().astype(int)
 
 # Unknowns of a mesh that is not refined again; the error then stays as stated.
 LARGEST = 6000

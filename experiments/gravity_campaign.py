@@ -1,0 +1,90 @@
+"""What does a gravity label cost, and how do thousands of designs fold under their weight?
+
+Labels designs of the full space (sheets: h_s/l_s up to 3e-2) with the solver, in pieces into one
+store, so that a run that was stopped goes on where it was. ``--set pieces=…`` of ``size`` designs
+each; piece k is a Latin hypercube with seed ``seed + k``.
+"""
+
+from __future__ import annotations
+
+import sys
+import time
+from collections import Counter
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from experiments.common import OUT, main
+from foldlab.campaign import run_campaign
+from foldlab.design import FULL
+from foldlab.labels import LabelStore
+from foldlab.sources import SolverSource
+
+SHEETS = FULL.with_bounds(slenderness=(1e-3, 3e-2))
+
+
+@dataclass(frozen=True)
+class Config:
+    seed: int = 0
+    pieces: int = 1
+    size: int = 100
+    growth: str = "uniaxial"
+    accuracy: float = 0.02
+    timeout: float = 60.0
+    workers: int = 1
+    store: str = ""
+
+
+TINY = Config(size=2, timeout=20.0, accuracy=0.2)
+
+
+def run(config: Config, tracker) -> dict[str, Any]:
+    source = SolverSource(growth=config.growth, accuracy=config.accuracy, timeout=config.timeout)
+    path = Path(config.store) if config.store else OUT / f"gravity_{config.growth}.db"
+    path.parent.mkdir(exist_ok=True)
+    started = time.perf_counter()
+    designs = [SHEETS.sample(config.size, seed=config.seed + k) for k in range(config.pieces)]
+    rates = []
+    with LabelStore(path) as store:
+        for k, piece in enumerate(designs):
+            report = run_campaign(piece, source, store, workers=config.workers, progress=False)
+            rates.append(report.rate)
+            print(f"piece {k}: {report.outcome}", report.as_dict(), file=sys.stderr, flush=True)
+        frame = store.frame(source.name, source.version)
+    wanted = pd.concat(designs)[FULL.names]
+    frame = frame.merge(wanted, on=FULL.names)
+    wall = time.perf_counter() - started
+    seconds = frame["core_seconds"]
+    known = frame["foldable"].notna()
+    error = pd.to_numeric(frame["error_estimate"], errors="coerce")
+    table = (
+        frame.groupby("outcome")
+        .agg(labels=("outcome", "size"), median_core_seconds=("core_seconds", "median"))
+        .sort_values("labels", ascending=False)
+        .reset_index()
+    )
+    tracker.table("labels", frame.drop(columns=["curves", "history"], errors="ignore"))
+    return {
+        "labels": len(frame),
+        "core_seconds_median": float(seconds.median()),
+        "core_seconds_mean": float(seconds.mean()),
+        "core_seconds_90": float(seconds.quantile(0.9)),
+        "error_median": float(error.median()),
+        "error_within": float((error <= config.accuracy).mean()),
+        "peak_memory_mb": float(frame["peak_memory_mb"].max()),
+        "stable_or_reason": float(known.mean()),
+        "folds": int((frame["foldable"] == True).sum()),  # noqa: E712
+        "outcomes": dict(Counter(frame["outcome"])),
+        "wall_seconds": wall,
+        "overhead_seconds": float(
+            np.maximum(0, wall * config.workers - frame["seconds"].sum()) / len(frame)
+        ),
+        "table": table.to_dict("records"),
+    }
+
+
+if __name__ == "__main__":
+    main(__doc__, run, Config, TINY)
