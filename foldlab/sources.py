@@ -250,11 +250,10 @@ class SolverSource:
         if self.question == "exists" and folding.ending.name == "REACHED":
             before = len(history)
             options["mirrors"] = folding.model.mirrors
-            u = folding.model.scene.displacement(folding.x, 1.0)
-            model = folding_unit.build(unit, level, growth="release", at=lambda _: u, **options)
-            folding = unit_path.fold(
-                model, model.scene.unknowns(u), stop=closed, noise=noise, on_state=on_state
+            model, start = unit_path.carried(
+                folding.model, folding.x, 1.0, level=level, growth="release", **options
             )
+            folding = unit_path.fold(model, start, stop=closed, noise=noise, on_state=on_state)
             for row in history[before:]:
                 row["contraction"] = unit.contraction
         return Run(folding, history, folding.ending.name == "STOPPED")
@@ -311,6 +310,8 @@ class SolverSource:
                 **run.measures,
                 **tags,
                 "contraction_reached": last["contraction"],
+                "normalised_angle": last["m1"] / last["contraction"],
+                "threshold": thresholds.turning,
                 "unstable_modes": last["unstable"],
                 "stable": last["unstable"] == 0 and run.settled,
                 "topples": folding.last.topples,

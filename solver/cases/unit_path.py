@@ -213,6 +213,23 @@ def fold(
     return walk.run(np.zeros(model.scene.size) if start is None else start)
 
 
+def carried(model: Model, x: np.ndarray, e: float, **options) -> tuple[Model, np.ndarray]:
+    """Another model of the same unit with the options of
+    :func:`solver.cases.folding_unit.build`, and a state of this one on it as its unknowns."""
+    u = model.scene.displacement(x, e)
+
+    def mapped(body):
+        return model.body.interpolation(body.nodes) @ u
+
+    other = build(model.unit, **{**options, "at": mapped})
+    start = mapped(other.body)
+    if isinstance(other.ground, Ground):
+        # Between this mesh's contact points the sheet may lie below the floor.
+        low = other.ground.gaps(start).min() + 0.9 * other.ground.depth
+        start[:, 2] += max(0.0, -low)
+    return other, other.scene.unknowns(start)
+
+
 def refined(
     folding: Folding,
     level: int,
@@ -231,20 +248,9 @@ def refined(
     model, x, last = folding.model, folding.x, folding.last
     if earlier:
         (model, x), last = folding.before, folding.states[-2]
-    u = model.scene.displacement(x, last.e)
-
-    def mapped(body):
-        return model.body.interpolation(body.nodes) @ u
-
-    options = {**model.options, "mirrors": model.mirrors, "deadline": deadline}
+    options = {**model.options, "mirrors": model.mirrors, "deadline": deadline, "level": level}
     try:
-        fine = build(model.unit, **{**options, "level": level, "at": mapped})
-        start = mapped(fine.body)
-        if isinstance(fine.ground, Ground):
-            # Between the coarse mesh's contact points the sheet may lie below the floor.
-            low = fine.ground.gaps(start).min() + 0.9 * fine.ground.depth
-            start[:, 2] += max(0.0, -low)
-        x = fine.scene.unknowns(start)
+        fine, x = carried(model, x, last.e, **options)
         found = newton(fine.scene, x, last.e, rtol=rtol, max_iterations=25, unstable=0)
         spent = found.iterations
         if not (found.converged and found.system.unstable == 0):
