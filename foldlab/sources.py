@@ -124,7 +124,8 @@ class SolverSource:
     "isotropic". ``question``: "from_flat", or "exists": is there a folded stable state, approached
     by uniaxial contraction and then released to isotropic? ``upright``: whether the unit is held
     against toppling. ``timeout``: seconds per label, after which it is unknown. ``seed``: follow
-    noisy steps (§4.3.3) on the whole unit instead of testing symmetric ones.
+    noisy steps (§4.3.3) on the whole unit instead of testing symmetric ones. ``strips``: active
+    strips side by side along the hinge, half of its width (0: a solid layer).
 
     A path ends where the fold has made a full turn, for beyond it the panels pass through each
     other, and where the hinge has curled through half a turn about the other axis.
@@ -142,6 +143,7 @@ class SolverSource:
         upright: bool = True,
         timeout: float = 60.0,
         seed: int | None = None,
+        strips: int = 0,
     ):
         known = {"uniaxial", "isotropic"}
         if growth not in known:
@@ -168,10 +170,10 @@ class SolverSource:
         self.space = FULL
         self.accuracy, self.effects, self.growth = float(accuracy), effects, growth
         self.question, self.upright, self.timeout = question, bool(upright), float(timeout)
-        self.seed = seed
+        self.seed, self.strips = seed, strips
         parts = ["1", growth, effects.replace(",", "+"), f"{accuracy:g}"]
         parts += ["exists"] * (question == "exists") + ["falls"] * (not upright)
-        parts += [f"noise{seed}"] * (seed is not None)
+        parts += [f"noise{seed}"] * (seed is not None) + [f"strips{strips}"] * (strips > 0)
         self.version = "-".join(parts)
 
     @property
@@ -181,6 +183,10 @@ class SolverSource:
 
     def label(self, design: Mapping[str, float]) -> Label:
         """Never raises for a design that can be validated; what fails is an unknown label."""
+        return self.follow(design)[1]
+
+    def follow(self, design: Mapping[str, float]) -> tuple[Run, Label]:
+        """As :meth:`label`, with the path that the label comes from."""
         from solver.terms import OutOfTime
 
         groups = self.space.validate(pd.DataFrame([dict(design)]), bounds=False)
@@ -213,7 +219,7 @@ class SolverSource:
             "seconds": time.monotonic() - start,
             "core_seconds": time.process_time() - worked,
         }
-        return replace(label, evidence={**label.evidence, **spent})
+        return run, replace(label, evidence={**label.evidence, **spent})
 
     def run(
         self,
@@ -230,7 +236,8 @@ class SolverSource:
         from solver.cases import folding_unit, unit_path
 
         try:
-            unit = folding_unit.Unit(**{k: float(v) for k, v in design.items()})
+            groups = {k: float(v) for k, v in design.items()}
+            unit = folding_unit.Unit(**groups, strips=self.strips)
         except (TypeError, ValueError) as error:
             raise InputError(f"the design is no folding unit: {error}") from error
         history: list[dict[str, float]] = []
