@@ -191,9 +191,11 @@ class SolverSource:
         for level in (1, 2):
             if not run.settled or time.monotonic() > deadline:
                 break
-            if level > 1 and run.folding.model.scene.size > LARGEST:
+            if level > 1 and (run.closed or run.folding.model.scene.size > LARGEST):
                 break
             found = self._refined(run, level, deadline)
+            if found is None and level > 1:
+                break
             if found is None:
                 try:
                     again = self.run(groups, level, deadline=deadline)
