@@ -236,7 +236,7 @@ def refined(
     def mapped(body):
         return model.body.interpolation(body.nodes) @ u
 
-    options = {**model.options, "mirrors": model.mirrors, "deadline": deadline}
+    options = {**model.options, "body": None, "deadline": deadline}
     try:
         fine = build(model.unit, **{**options, "level": level, "at": mapped})
         start = mapped(fine.body)
