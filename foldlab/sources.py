@@ -249,6 +249,7 @@ class SolverSource:
 
         growth = "uniaxial" if self.question == "exists" else self.growth
         options = {"effects": self.terms, "upright": self.upright, "deadline": deadline}
+        options["curls"] = self.growth == "isotropic"
         if self.seed is not None:
             options["mirrors"] = ()
         model = folding_unit.build(unit, level, growth=growth, **options)

@@ -248,7 +248,7 @@ def refined(
     model, x, last = folding.model, folding.x, folding.last
     if earlier:
         (model, x), last = folding.before, folding.states[-2]
-    options = {**model.options, "mirrors": model.mirrors, "deadline": deadline, "level": level}
+    options = {**model.options, "body": None, "deadline": deadline, "level": level}
     try:
         fine, x = carried(model, x, last.e, **options)
         found = newton(fine.scene, x, last.e, rtol=rtol, max_iterations=25, unstable=0)
