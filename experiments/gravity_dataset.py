@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import json
 import platform
-import subprocess
 from dataclasses import dataclass
 from importlib.metadata import version
 from pathlib import Path
@@ -24,6 +23,7 @@ from foldlab.errors import InputError
 from foldlab.labels import LabelStore
 from foldlab.sources import SolverSource
 from foldlab.tables import write_table
+from foldlab.tracking import commit
 
 # What a table of thousands of labels can do without; the curves alone would be most of it.
 DROPPED = ("curves", "stable", "seconds", "source", "threshold", "normalised_angle")
@@ -65,7 +65,7 @@ def run(config: Config, tracker) -> dict[str, Any]:
     table[narrow] = table[narrow].astype("float32")
     table.attrs["foldlab"] = {
         "command": "python -m experiments.gravity_campaign, then gravity_dataset",
-        "commit": config.commit or _commit(),
+        "commit": config.commit or commit(),
         "labels": len(table),
         "core_seconds": float(table["core_seconds"].sum()),
         "machine": f"{platform.machine()}, 2 shared cores, one BLAS thread per worker",
@@ -85,16 +85,6 @@ def run(config: Config, tracker) -> dict[str, Any]:
         .reset_index(name="labels")
         .to_dict("records"),
     }
-
-
-def _commit() -> str:
-    try:
-        done = subprocess.run(
-            ["git", "rev-parse", "--short", "HEAD"], capture_output=True, text=True, check=True
-        )
-    except (OSError, subprocess.CalledProcessError):
-        return "unknown"
-    return done.stdout.strip()
 
 
 if __name__ == "__main__":
