@@ -62,7 +62,7 @@ def descend(
     """Stable equilibrium down the energy from ``x`` (size,) at the load ``e``.
 
     ``rtol``: as in :func:`solver.newton.newton`. ``reach``: longest step, max|Δu| / length, so that
-    it ends in the next valley and not in some valley. At a saddle it leaves along the critical
+    it ends in the next valley and not in some valley. At a saddle it leaves along the lowest
     mode, to the side where the energy is lower. Outcomes: CONVERGED (no unstable modes),
     NO_STABLE_STATE, NO_PROGRESS, STAGNATED, INADMISSIBLE, SINGULAR.
 
@@ -242,8 +242,14 @@ def _definite(scene: Scene, system: System, shift: float) -> tuple[System, float
 def _off_saddle(
     scene: Scene, system: System, x: np.ndarray, e: float, rtol: float
 ) -> np.ndarray | None:
-    """A state of lower energy beside a saddle, along its critical mode; None if there is none."""
-    _, mode = critical_mode(scene, system.factorise(), sweeps=30)
+    """A state of lower energy beside a saddle, along its lowest mode; None if there is none."""
+    try:
+        # The eigenvalue nearest to zero may be a positive one. Of a tangent shifted until it is
+        # definite it is the lowest.
+        used, _, _ = _definite(scene, system, 0.0)
+        _, mode = critical_mode(scene, used.factorise(), sweeps=60)
+    except SingularMatrix:
+        return None
     mode = mode * scene.scales.length / largest(mode)
     for amount in (1e-3, 1e-2, 1e-4, 1e-5, 10 * rtol):
         sides = []
