@@ -206,7 +206,8 @@ def _flow(scene, x, e, rtol, reach, max_iterations, spent, drag) -> NewtonResult
                     return replace(plain, iterations=spent)
                 found = scene.energy(plain.x, e)
                 if found < system.energy:
-                    x, system = plain.x, scene.system(plain.x, e)
+                    # The pace of the flow was another place's.
+                    x, system, velocity = plain.x, scene.system(plain.x, e), 0 * velocity
         elif moved <= rtol:
             left = _off_saddle(scene, system, x, e, rtol)
             if left is None:
