@@ -62,7 +62,7 @@ def descend(
     """Stable equilibrium down the energy from ``x`` (size,) at the load ``e``.
 
     ``rtol``: as in :func:`solver.newton.newton`. ``reach``: longest step, max|Δu| / length, so that
-    it ends in the next valley and not in some valley. At a saddle it leaves along the critical
+    it ends in the next valley and not in some valley. At a saddle it leaves along the lowest
     mode, to the side where the energy is lower. Outcomes: CONVERGED (no unstable modes),
     NO_STABLE_STATE, NO_PROGRESS, STAGNATED, INADMISSIBLE, SINGULAR.
 
@@ -111,7 +111,10 @@ def descend(
             if system.unstable == 0:
                 shift = 0.0
                 continue
-            here = _off_saddle(scene, system, here, e, rtol)
+            try:
+                here = _off_saddle(scene, system, here, e, rtol)
+            except SingularMatrix:
+                return result(Outcome.SINGULAR)
             continue
         share = min(scene.longest_step(here, dx, e), reach / correction, 1.0)
         step = downhill(scene, system, here, e, dx, share)
@@ -129,7 +132,10 @@ def descend(
             shift *= 0.25 if step.share >= 1 else 1.0
     if iterations >= max_iterations:
         return result(Outcome.NO_STABLE_STATE)
-    return _flow(scene, here, e, rtol, reach, max_iterations, iterations, shift)
+    try:
+        return _flow(scene, here, e, rtol, reach, max_iterations, iterations, shift)
+    except SingularMatrix:
+        return result(Outcome.SINGULAR)
 
 
 class _Drag:
@@ -206,7 +212,8 @@ def _flow(scene, x, e, rtol, reach, max_iterations, spent, drag) -> NewtonResult
                     return replace(plain, iterations=spent)
                 found = scene.energy(plain.x, e)
                 if found < system.energy:
-                    x, system = plain.x, scene.system(plain.x, e)
+                    # The pace of the flow was another place's.
+                    x, system, velocity = plain.x, scene.system(plain.x, e), 0 * velocity
         elif moved <= rtol:
             x, velocity = _off_saddle(scene, system, x, e, rtol), 0 * velocity
             system = scene.system(x, e)
@@ -240,10 +247,15 @@ def _definite(scene: Scene, system: System, shift: float) -> tuple[System, float
 def _off_saddle(
     scene: Scene, system: System, x: np.ndarray, e: float, rtol: float
 ) -> np.ndarray:
-    """A state of lower energy beside a saddle, along its critical mode.
+    """A state of lower energy beside a saddle, along its lowest mode.
 
-    Where roundoff hides the fall, a small step along the mode."""
-    _, mode = critical_mode(scene, system.factorise(), sweeps=30)
+    Where roundoff hides the fall, a small step along the mode. Raises
+    :class:`solver.linear.SingularMatrix` where no shift makes the tangent definite.
+    """
+    # The eigenvalue nearest to zero may be a positive one. Of a tangent shifted until it is
+    # definite it is the lowest.
+    used, _, _ = _definite(scene, system, 0.0)
+    _, mode = critical_mode(scene, used.factorise(), sweeps=60)
     mode = mode * scene.scales.length / largest(mode)
     for amount in (1e-3, 1e-2, 1e-4, 1e-5, 10 * rtol):
         sides = []

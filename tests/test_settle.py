@@ -149,3 +149,16 @@ def test_an_energy_without_a_floor_is_an_outcome():
     path = settled(bottomless(2), 1.0, 0.1)
     assert path.outcome in endings
     assert path.last.e < 0.5 and path.last.unstable == 0
+
+
+def test_a_saddle_is_left_along_its_lowest_mode_not_the_one_nearest_to_zero():
+    # Curvatures −1e-2 along q₀, whose wells are at ±0.1, and 1e-4 along q₁.
+    scene = function_scene(
+        2,
+        lambda q, e: -1e-2 * q[0] ** 2 / 2 + q[0] ** 4 / 4 + 1e-4 * q[1] ** 2 / 2,
+        lambda q, e: np.array([-1e-2 * q[0] + q[0] ** 3, 1e-4 * q[1]]),
+        lambda q, e: np.diag([-1e-2 + 3 * q[0] ** 2, 1e-4]),
+    )
+    found = descend(scene, np.zeros(2), 0.0, rtol=1e-10)
+    assert found.converged and found.system.unstable == 0
+    assert np.abs(found.x) == pytest.approx([0.1, 0.0], abs=1e-8)
