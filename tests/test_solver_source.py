@@ -42,7 +42,7 @@ def test_a_light_unit_folds():
     assert seen["contraction_reached"] == pytest.approx(0.2)
     assert all(seen[tag] for tag in foldability.TAGS)
     assert 0 <= seen["error_estimate"] <= 0.02 and seen["levels"] >= 2
-    # physics.md §3
+    # in h_s, what a ground scaled to the design allows
     assert seen["rest_gap"] <= 0.25 and seen["penetration"] <= 0.1
     kinds = [event["kind"] for event in seen["events"]]
     assert kinds == ["lift-off", "toppling"] and seen["topples"]
