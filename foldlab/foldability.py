@@ -147,8 +147,8 @@ def verdict(
                 True,
                 "folds",
                 (
-                    f"folds through a full turn at {100 * last['contraction']:.3g} % contraction, "
-                    "where the panels meet; it was not followed beyond"
+                    f"folds through a full turn at {100 * last['contraction']:.3g} % contraction; "
+                    "it was not followed beyond"
                 ),
             )
         return (

@@ -127,8 +127,8 @@ class SolverSource:
     noisy steps (§4.3.3) on the whole unit instead of testing symmetric ones. ``strips``: active
     strips side by side along the hinge, half of its width (0: a solid layer).
 
-    A path ends where the fold has made a full turn, for beyond it the panels pass through each
-    other, and where the hinge has curled through half a turn about the other axis.
+    Panels pass through each other, as in the dissertation; a path ends where the fold has made a
+    full turn, and where the hinge has curled through half a turn about the other axis.
     """
 
     name = "solver"
@@ -338,18 +338,20 @@ class SolverSource:
                 design, run.history, tags, events, run.closed
             )
             evidence["outcome"] = outcome
-        elif not run.history and _crushing(design):
+        unsure = not run.history or (run.settled and error is None and not foldable)
+        crushed = _crushing(design) if unsure else 0.0
+        if crushed:
             foldable, evidence["outcome"] = False, "crushed"
             reason = (
-                "the hinge is crushed by its own weight, "
-                f"{_crushing(design):.2g} times what its active layer can carry"
+                f"the hinge is crushed by its own weight, {crushed:.2g} times what its active "
+                "layer can carry"
             )
         if run.history:
             evidence["error_estimate"] = error
-        if run.settled and error is None:
+        if run.settled and error is None and not crushed:
             reason = f"unknown, for no finer mesh confirmed it in time: {reason}"
             foldable, evidence["outcome"] = None, "unverified"
-        elif run.settled and error > self.accuracy:
+        elif run.settled and not crushed and error > self.accuracy:
             need = np.pi * design["contraction"]
             if not run.closed and abs(run.measures["m1"] - need) < error * max(
                 abs(run.measures["m1"]), need

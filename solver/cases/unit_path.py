@@ -82,8 +82,8 @@ class State:
 
 @dataclass(frozen=True)
 class Happening:
-    """``kind``: snap, toppling, or the class of a loss of symmetry; ``e`` where; ``size`` of a
-    jump, max|Δu| in l_s."""
+    """``kind``: snap, toppling, the class of a loss of symmetry, or bifurcation where no class can
+    be told; ``e`` of the state after it; ``size`` of a jump, max|Δu| in l_s."""
 
     kind: str
     e: float
@@ -332,10 +332,13 @@ class _Walk:
                 return self._end(Ending.LOST, point.value, self.last)
 
     def _end(self, ending: Ending, detail: str, point: Point | None) -> Folding:
+        model, x = self.model, None if point is None else point.x
+        if point is not None and point is self.last:
+            # The model may have been widened since, in an attempt to go on from there.
+            model, x = self.before
         return Folding(
-            tuple(self.states), tuple(self.happenings), ending, detail, self.model,
-            None if point is None else point.x, self.iterations, time.monotonic() - self.begun,
-            self.before,
+            tuple(self.states), tuple(self.happenings), ending, detail, model, x, self.iterations,
+            time.monotonic() - self.begun, self.before,
         )  # fmt: skip
 
     def _accept(self, point: Point) -> Point | Outcome:
@@ -343,23 +346,24 @@ class _Walk:
         self.iterations += point.iterations
         for event in point.events:
             if event.kind in ("snap", "bifurcation"):
-                kind = "snap" if event.kind == "snap" else self._class(self.model.mirrors)
+                # With fewer mirror planes a mode may have more symmetry than the model: no class.
+                whole = len(self.model.mirrors) == 2
+                kind = "symmetric" if whole and event.kind == "bifurcation" else event.kind
                 self.happenings.append(Happening(kind, event.e, event.size))
         checks = self.symmetries.check(point.x, point.e)
         lost = [c for c in checks if c.held]
         while lost and self.model.mirrors and isinstance(self.stepper, Settle):
             # Of classes lost in the same step the one that keeps most.
             kept = max((c.kept for c in lost), key=len)
-            before = self.model.scene.displacement(point.x, point.e)
             self.model, x = self.model.widened(kept, point.x, point.e)
+            before = self.model.scene.displacement(x, point.e)
             self.symmetries = Symmetries(self.model)
             found = self.stepper.begin(self.model.scene, x, point.e, 1.0)
             if isinstance(found, Outcome):
                 return found
             self.iterations += found.iterations
-            size = float(np.abs(self.model.scene.displacement(found.x, found.e)).max())
-            size = abs(size - float(np.abs(before).max()))
-            self.happenings.append(Happening(self._class(kept), point.e, size))
+            size = float(np.abs(self.model.scene.displacement(found.x, found.e) - before).max())
+            self.happenings.append(Happening(CLASSES[kept], point.e, size))
             point = replace(found, index=point.index)
             checks = self.symmetries.check(point.x, point.e)
             lost = [c for c in checks if c.held]
@@ -373,6 +377,3 @@ class _Walk:
         if self.on_state is not None:
             self.on_state(self.model, point.x, state)
         return point
-
-    def _class(self, mirrors) -> str:
-        return CLASSES[tuple(mirrors)]
