@@ -27,9 +27,9 @@ TOWARDS = np.array([1.0, -0.62, 0.42])
 class Request:
     """What to draw.
 
-    ``series``: PVD file; ``curves``: NPZ file with ``curves`` (states, 4, points, 3), ``ground``:
-    whether there is one at z = 0. Each of ``pictures`` is (state in the curves, state in the series,
-    PNG file, width in pixels); all have one camera and one scale.
+    ``series``: PVD file; ``curves``: NPZ file with ``curves`` (states, 4, points, 3); ``ground``:
+    whether there is one at z = 0. Each of ``pictures`` is (state in the curves, state in the
+    series, PNG file, width in pixels); all have one camera and one scale.
     """
 
     series: str
@@ -79,7 +79,8 @@ def draw(request: Request) -> None:
         )  # fmt: skip
     seen = [shape.points for shape in shapes.values()] + ([] if floor is None else [floor.points])
     focus, reach, extent = _frame(seen)
-    # Lines lie on the middle of the sheet: their tubes come out of it on both sides.
+    # The curves lie within the sheet. Of a thin one tubes come out on both sides.
+    thin = request.slenderness < 0.008
     radius = 0.5 * request.slenderness + 0.0018
     for state, _, name, width in request.pictures:
         height = max(2, round(width * extent[1] / extent[0]))
@@ -97,9 +98,11 @@ def draw(request: Request) -> None:
             )  # fmt: skip
         for curve, colour in zip(curves[state], CURVES, strict=True):
             line = pyvista.lines_from_points(np.asarray(curve[::5], float))
-            plotter.add_mesh(line.tube(radius=radius), color=colour, ambient=0.5, diffuse=0.5)
-            # What the layers hide of it, faintly on top of them.
-            hidden = plotter.add_mesh(line, color=colour, opacity=0.75, line_width=width / 300)
+            if thin:
+                plotter.add_mesh(line.tube(radius=radius), color=colour, ambient=0.5, diffuse=0.5)
+            # What the layers hide of it is drawn on top of them.
+            hidden = plotter.add_mesh(line, color=colour, opacity=0.75,
+                                      line_width=width / (300 if thin else 220))  # fmt: skip
             hidden.mapper.SetResolveCoincidentTopologyToPolygonOffset()
             hidden.mapper.SetRelativeCoincidentTopologyLineOffsetParameters(0, -66000)
         plotter.camera_position = [tuple(focus + 5 * TOWARDS), tuple(focus), (0, 0, 1)]

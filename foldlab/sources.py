@@ -211,11 +211,8 @@ class SolverSource:
         if self.question == "exists" and folding.ending.name == "REACHED":
             before = len(history)
             options["mirrors"] = folding.model.mirrors
-            u = folding.model.scene.displacement(folding.x, 1.0)
-            model = folding_unit.build(unit, level, growth="release", at=lambda _: u, **options)
-            folding = unit_path.fold(
-                model, model.scene.unknowns(u), stop=closed, noise=noise, on_state=seen
-            )
+            model, start = unit_path.moved(folding.model, folding.x, 1.0, level, "release", options)
+            folding = unit_path.fold(model, start, stop=closed, noise=noise, on_state=seen)
             for row in history[before:]:
                 row["contraction"] = unit.contraction
         return Run(folding, history, folding.ending.name == "STOPPED", shapes)

@@ -257,10 +257,12 @@ def build(
             )
             ground = Ground(body, surface, thickness=unit.slenderness, pressure=hinge)
         terms.append(ground)
-    if deadline is not None:
-        terms.append(Deadline(deadline))
     fixed, rows = _supports(unit, body, mirrors, bool(effects), upright, at)
     scene = Scene(body, terms, fixed=fixed, rows=rows)
+    if deadline is not None:
+        # Scales are an evaluation too, and a model must come of it however late it is.
+        terms.append(Deadline(deadline))
+        scene = Scene(body, terms, fixed=fixed, rows=rows, scales=scene.scales)
     return Model(unit, body, tuple(terms), growth, mirrors, upright, scene, ground, options)
 
 

@@ -12,7 +12,7 @@ is n₋(K) + n₋(−C K⁻¹ Cᵀ) − m, without them n₋(K).
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from enum import Enum
 
@@ -213,6 +213,27 @@ def fold(
     return walk.run(np.zeros(model.scene.size) if start is None else start)
 
 
+def moved(
+    model: Model, x: np.ndarray, e: float, level: int, growth: str, options: Mapping
+) -> tuple[Model, np.ndarray]:
+    """Another model of the unit, and the same state on its mesh as a guess of its unknowns.
+
+    ``options``: of :func:`solver.cases.folding_unit.build`, the rest of them.
+    """
+    u = model.scene.displacement(x, e)
+
+    def mapped(body):
+        return model.body.interpolation(body.nodes) @ u
+
+    other = build(model.unit, **{**options, "level": level, "growth": growth, "at": mapped})
+    start = mapped(other.body)
+    if isinstance(other.ground, Ground):
+        # Between the first mesh's contact points the sheet may lie below the floor.
+        low = other.ground.gaps(start).min() + 0.9 * other.ground.depth
+        start[:, 2] += max(0.0, -low)
+    return other, other.scene.unknowns(start)
+
+
 def refined(
     folding: Folding,
     level: int,
@@ -231,20 +252,9 @@ def refined(
     model, x, last = folding.model, folding.x, folding.last
     if earlier:
         (model, x), last = folding.before, folding.states[-2]
-    u = model.scene.displacement(x, last.e)
-
-    def mapped(body):
-        return model.body.interpolation(body.nodes) @ u
-
     options = {**model.options, "mirrors": model.mirrors, "deadline": deadline}
     try:
-        fine = build(model.unit, **{**options, "level": level, "at": mapped})
-        start = mapped(fine.body)
-        if isinstance(fine.ground, Ground):
-            # Between the coarse mesh's contact points the sheet may lie below the floor.
-            low = fine.ground.gaps(start).min() + 0.9 * fine.ground.depth
-            start[:, 2] += max(0.0, -low)
-        x = fine.scene.unknowns(start)
+        fine, x = moved(model, x, last.e, level, model.growth, options)
         found = newton(fine.scene, x, last.e, rtol=rtol, max_iterations=25, unstable=0)
         spent = found.iterations
         if not (found.converged and found.system.unstable == 0):
