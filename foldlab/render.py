@@ -102,7 +102,7 @@ def draw(request: Request) -> None:
                 plotter.add_mesh(line.tube(radius=radius), color=colour, ambient=0.5, diffuse=0.5)
             # What the layers hide of it is drawn on top of them.
             hidden = plotter.add_mesh(line, color=colour, opacity=0.75,
-                                      line_width=width / (300 if thin else 220))  # fmt: skip
+                                      line_width=width / (300 if thin else 160))  # fmt: skip
             hidden.mapper.SetResolveCoincidentTopologyToPolygonOffset()
             hidden.mapper.SetRelativeCoincidentTopologyLineOffsetParameters(0, -66000)
         plotter.camera_position = [tuple(focus + 5 * TOWARDS), tuple(focus), (0, 0, 1)]

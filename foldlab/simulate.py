@@ -238,13 +238,15 @@ def draw(out: Path, label: Label, run: Run, source: SolverSource, *, animate: bo
         load if released else None,
     )  # fmt: skip
     save_figure(figure, out / "angle.png")
-    titles = [_title(row["contraction"], e) for row, e in zip(run.history, load, strict=True)]
+    ground = bool(source.terms)
+    titles = [
+        _title(row["contraction"], e, ground) for row, e in zip(run.history, load, strict=True)
+    ]
     last = len(load) - 1
     three = sorted({0, int(np.abs(load - load[-1] / 2).argmin()), last})
     film = np.unique(np.linspace(0, last, min(last + 1, FRAMES)).round().astype(int))
     # A series keeps one state per load.
     order = {e: k for k, e in enumerate(dict.fromkeys(load))}
-    ground = bool(source.terms)
     with tempfile.TemporaryDirectory() as folder:
         names = {k: Path(folder) / f"shape{k}.png" for k in three}
         frames = {k: Path(folder) / f"frame{k}.png" for k in film} if animate else {}
@@ -272,11 +274,12 @@ def draw(out: Path, label: Label, run: Run, source: SolverSource, *, animate: bo
     return ["shapes.png", "angle.png", *(["fold.gif"] if drawn and animate else [])]
 
 
-def _title(contraction: float, load: float) -> str:
+def _title(contraction: float, load: float, heavy: bool) -> str:
     if load == 0:
-        return "at rest"
+        return "at rest" if heavy else "flat"
     if load > 1:
-        return f"{100 * contraction:.3g} %, released by {100 * (load - 1):.3g} %"
+        how = "to isotropic" if load == 2 else f"by {100 * (load - 1):.3g} %"
+        return f"{100 * contraction:.3g} %, released {how}"
     return f"{100 * contraction:.3g} % contraction"
 
 

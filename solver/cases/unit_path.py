@@ -350,10 +350,11 @@ class _Walk:
                 kind = "snap" if event.kind == "snap" else self._class(self.model.mirrors)
                 self.happenings.append(Happening(kind, event.e, event.size))
         checks = self.symmetries.check(point.x, point.e)
-        lost = [c for c in checks if c.held]
+        lost = self._lost(checks)
         while lost and self.model.mirrors and isinstance(self.stepper, Settle):
             # Of classes lost in the same step the one that keeps most.
-            kept = max((c.kept for c in lost), key=len)
+            first = max(lost, key=lambda c: len(c.kept))
+            kept = first.kept
             before = self.model.scene.displacement(point.x, point.e)
             self.model, x = self.model.widened(kept, point.x, point.e)
             self.symmetries = Symmetries(self.model)
@@ -363,10 +364,11 @@ class _Walk:
             self.iterations += found.iterations
             size = float(np.abs(self.model.scene.displacement(found.x, found.e)).max())
             size = abs(size - float(np.abs(before).max()))
-            self.happenings.append(Happening(self._class(kept), point.e, size))
+            kind = self._class(kept) if first.held else "toppling"
+            self.happenings.append(Happening(kind, point.e, size))
             point = replace(found, index=point.index)
             checks = self.symmetries.check(point.x, point.e)
-            lost = [c for c in checks if c.held]
+            lost = self._lost(checks)
         state = _state(
             self.model, point.x, point.e, point.unstable, point.energy, point.iterations, checks
         )
@@ -377,6 +379,10 @@ class _Walk:
         if self.on_state is not None:
             self.on_state(self.model, point.x, state)
         return point
+
+    def _lost(self, checks) -> list[Check]:
+        """The classes in which the unit cannot stay as it is; tipping counts where it may tip."""
+        return [c for c in checks if (c.held if self.model.upright else c.free)]
 
     def _class(self, mirrors) -> str:
         return CLASSES[tuple(mirrors)]
