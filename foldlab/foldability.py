@@ -73,15 +73,14 @@ def measure(curves: np.ndarray, hinge_length: float) -> Measures:
     along, across = t[0, middle], t[1, middle]
     angles = _angles(t[0], across)
     s = (np.arange(len(angles)) + 0.5) / len(angles) - 0.5
-    inside = np.abs(s) <= hinge_length / 2
-    hinge = angles[inside][-1] - angles[inside][0] if inside.sum() > 1 else 0.0
+    ends = np.interp([-hinge_length / 2, hinge_length / 2], s, angles)
     turned = _angles(t[1], along)
     return Measures(
         float(angles[-1] - angles[0]),
         float(abs(turned[-1] - turned[0])),
         float((t[0] * t[2]).sum(axis=1).mean()),
         float((t[0] * t[3]).sum(axis=1).mean()),
-        float(hinge),
+        float(ends[1] - ends[0]),
     )
 
 

@@ -47,6 +47,9 @@ def simulate(
     accuracy: Annotated[float, typer.Option(help="Wanted relative error of the angle.")] = 0.02,
     timeout: Annotated[float, typer.Option(help="Seconds after which to give up.")] = 60.0,
     free: Annotated[bool, typer.Option("--free", help="Let the unit topple.")] = False,
+    strips: Annotated[
+        int, typer.Option(min=0, help="Active strips side by side; 0: a solid layer.")
+    ] = 0,
     barrier: Annotated[str, typer.Option(help="Ground: surface or exponential.")] = "surface",
     out: Annotated[Path, typer.Option("-o", "--out", help="Folder for results.")] = (
         Path("out/simulate")
@@ -68,7 +71,7 @@ def simulate(
     given = numbers(read_settings(settings or (), config))
     source = SolverSource(
         accuracy=accuracy, effects=effects, growth=growth, question=question, upright=not free,
-        timeout=timeout, barrier=barrier,
+        timeout=timeout, barrier=barrier, strips=strips,
     )  # fmt: skip
     design = complete(given, heavy=bool(source.terms))
     source.unit(design)
@@ -84,7 +87,7 @@ def simulate(
         out.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise InputError(f"can't write into --out {out} ({error}); give another folder") from None
-    label, run = source.solve(design)
+    run, label = source.follow(design)
     result = summary(label, run, source)
     for name in () if source.terms else WEIGHT:
         result["design"][name] = None

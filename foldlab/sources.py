@@ -65,7 +65,8 @@ class SolverSource:
     "isotropic". ``question``: "from_flat", or "exists": is there a folded stable state, approached
     by uniaxial contraction and then released to isotropic? ``upright``: whether the unit is held
     against toppling. ``timeout``: seconds per label, after which it is unknown. ``seed``: follow
-    noisy steps (§4.3.3) on the whole unit instead of testing symmetric ones. ``barrier``: the
+    noisy steps (§4.3.3) on the whole unit instead of testing symmetric ones. ``strips``: active
+    strips side by side along the hinge, half of its width (0: a solid layer). ``barrier``: the
     ground's, "surface" or the dissertation's "exponential" (Eq. 4.5).
 
     A path ends where the fold has made a full turn, for beyond it the panels pass through each
@@ -84,6 +85,7 @@ class SolverSource:
         upright: bool = True,
         timeout: float = 60.0,
         seed: int | None = None,
+        strips: int = 0,
         barrier: Literal["surface", "exponential"] = "surface",
     ):
         known = {"uniaxial", "isotropic"}
@@ -113,10 +115,10 @@ class SolverSource:
         self.space = FULL
         self.accuracy, self.effects, self.growth = float(accuracy), effects, growth
         self.question, self.upright, self.timeout = question, bool(upright), float(timeout)
-        self.seed, self.barrier = seed, barrier
+        self.seed, self.strips, self.barrier = seed, strips, barrier
         parts = ["1", growth, effects.replace(",", "+"), f"{accuracy:g}"]
         parts += ["exists"] * (question == "exists") + ["falls"] * (not upright)
-        parts += [f"noise{seed}"] * (seed is not None)
+        parts += [f"noise{seed}"] * (seed is not None) + [f"strips{strips}"] * (strips > 0)
         parts += [barrier] * (barrier != "surface")
         self.version = "-".join(parts)
 
@@ -127,10 +129,10 @@ class SolverSource:
 
     def label(self, design: Mapping[str, float]) -> Label:
         """Never raises for a design that can be validated; what fails is an unknown label."""
-        return self.solve(design)[0]
+        return self.follow(design)[1]
 
-    def solve(self, design: Mapping[str, float]) -> tuple[Label, Run]:
-        """The label, and the run that it is read from."""
+    def follow(self, design: Mapping[str, float]) -> tuple[Run, Label]:
+        """As :meth:`label`, with the path that the label comes from."""
         from solver.terms import OutOfTime
 
         groups = self.space.validate(pd.DataFrame([dict(design)]), bounds=False)
@@ -163,14 +165,15 @@ class SolverSource:
             "seconds": time.monotonic() - start,
             "core_seconds": time.process_time() - worked,
         }
-        return replace(label, evidence={**label.evidence, **spent}), run
+        return run, replace(label, evidence={**label.evidence, **spent})
 
     def unit(self, design: Mapping[str, float]) -> Unit:
         """The solver's unit; raises :class:`InputError` for a design that is none."""
         from solver.cases import folding_unit
 
         try:
-            return folding_unit.Unit(**{k: float(v) for k, v in design.items()})
+            groups = {k: float(v) for k, v in design.items()}
+            return folding_unit.Unit(**groups, strips=self.strips)
         except (TypeError, ValueError) as error:
             raise InputError(f"the design is no folding unit: {error}") from error
 
@@ -201,7 +204,7 @@ class SolverSource:
         growth = "uniaxial" if self.question == "exists" else self.growth
         options = {
             "effects": self.terms, "upright": self.upright, "deadline": deadline,
-            "barrier": self.barrier,
+            "barrier": self.barrier, "curls": self.growth == "isotropic",
         }  # fmt: skip
         if self.seed is not None:
             options["mirrors"] = ()
@@ -211,7 +214,9 @@ class SolverSource:
         if self.question == "exists" and folding.ending.name == "REACHED":
             before = len(history)
             options["mirrors"] = folding.model.mirrors
-            model, start = unit_path.moved(folding.model, folding.x, 1.0, level, "release", options)
+            model, start = unit_path.carried(
+                folding.model, folding.x, 1.0, level=level, growth="release", **options
+            )
             folding = unit_path.fold(model, start, stop=closed, noise=noise, on_state=seen)
             for row in history[before:]:
                 row["contraction"] = unit.contraction
@@ -271,6 +276,8 @@ class SolverSource:
                 **run.measures,
                 **tags,
                 "contraction_reached": last["contraction"],
+                "normalised_angle": last["m1"] / last["contraction"],
+                "threshold": thresholds.turning,
                 "unstable_modes": last["unstable"],
                 "stable": last["unstable"] == 0 and run.settled,
                 "topples": folding.last.topples,

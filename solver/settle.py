@@ -24,9 +24,10 @@ class Settle:
     """Load steps on a stable path, and the fall to the next one where it ends.
 
     ``steps``: the load steps. ``cuts``: how often a step is divided (by their ``cut``) before the
-    energy falls. ``reach``: see :func:`solver.descent.descend`. ``far``: displacement, max|Δu| over
-    length, from which on a fall is a ``snap``; a smaller one from an unstable state is a
-    ``bifurcation``. Needs a scene with an energy.
+    energy falls. ``reach``: see :func:`solver.descent.descend`. A fall is a ``snap`` where it moves
+    the body by more than ``far``, max|Δu| over length, and the tangents at its ends don't explain
+    that; else it is a ``bifurcation`` if it left an unstable state, and nothing if Newton's method
+    had only failed. Needs a scene with an energy.
     """
 
     steps: LoadSteps
@@ -88,8 +89,9 @@ class Settle:
         shift = np.append(fallen.x - point.x, 0.0)
         size = largest(shift[: scene.n_free]) / scene.scales.length
         events = ()
-        if unstable or size > self.far:
-            kind = "snap" if size > self.far else "bifurcation"
+        snapped = size > self.far and not self.steps._smooth(scene, point, after)
+        if unstable or snapped:
+            kind = "snap" if snapped else "bifurcation"
             count = found.unstable if unstable else None
             drop = 0.0 if begin is None else float(begin - after.energy)
             events = (

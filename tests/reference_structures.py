@@ -4,6 +4,7 @@ import numpy as np
 from reference_scenes import AXES, held, modulus, near, strip
 
 from solver.body import Body
+from solver.ground import Ground
 from solver.growth import General
 from solver.materials import NeoHookean
 from solver.meshes import box, graded, polar
@@ -202,3 +203,48 @@ def twisted(scene, x, e):
     about = rotation_row(body, 2).coefficients
     odd = Scene(body, scene.terms, fixed=fixed, rows=[Row(about, value=(about * u).sum())])
     return odd.system(odd.unknowns(u), e).unstable
+
+
+def heavy_strip(*, curvature, weight, hinge=1.0, panel=1.0, h=0.01, n=(8, 16)):
+    """Half of references.md §2's heavy strip on rigid frictionless ground, and its ground.
+
+    The hinge, s < 0.1 of 0.5, is grown free of stress to e·curvature; ``hinge`` and ``panel`` are
+    stiffnesses per width, ``weight`` is per length. Panels rise where the curvature is positive.
+    The barrier is a hundredth of the thickness deep, for the reference's ground is rigid.
+    """
+    s = np.concatenate(
+        [
+            graded(0, 0.1, n[0], toward="both", ratio=3),
+            graded(0.1, 0.5, n[1], toward="both", ratio=4)[1:],
+        ]
+    )
+    body = Body.build(box(s, [0, h], np.linspace(-h / 2, h / 2, 3)), "hex27", bent=0)
+    fixed = [*held(body, 1, 0.0, 1), *held(body, 1, h, 1), *held(body, 0, 0.0, 0)]
+    curved = body.cells_where(lambda X: X[:, 0] < 0.1)
+    z = body.points()[..., 2] * curved[:, None]
+
+    def tensor(e):
+        Fg = np.broadcast_to(np.eye(3), (*z.shape, 3, 3)).copy()
+        Fg[..., 0, 0] = 1 - e * curvature * z
+        return Fg
+
+    E = np.where(curved, hinge, panel) * modulus(h)
+    ground = Ground(
+        body, body.surface(near(2, -h / 2)), thickness=h, pressure=weight, height=-h / 2,
+        depth=0.01, reach=0.01,
+    )  # fmt: skip
+    terms = [Elastic(body, NeoHookean(E, 0.0), General(tensor)), Gravity(body, 1.0, weight / h)]
+    return Scene(body, [*terms, ground], fixed=fixed), ground
+
+
+def section(scene, x, e, s):
+    """Height of the mid-line and rotation in rad of the section at s, by its lowest and top node.
+
+    The rotation lies in (−π, π].
+    """
+    X = scene.body.nodes
+    at = np.flatnonzero((np.abs(X[:, 0] - s) < 1e-9) & (np.abs(X[:, 1]) < 1e-9))
+    at = at[np.argsort(X[at, 2])]
+    now = (X + scene.displacement(x, e))[at]
+    d = now[-1] - now[0]
+    return now[len(at) // 2, 2], np.arctan2(-d[0], d[2])

@@ -162,14 +162,12 @@ def test_where_nothing_renders_the_unit_is_drawn_from_the_side(simulate, tmp_pat
 
 
 def test_a_folded_state_is_looked_for_on_a_mesh_that_may_curl(tmp_path):
-    """The release got displacements of the uniaxial mesh, which has fewer nodes, and raised."""
+    """The release got displacements of a mesh with fewer nodes, and raised."""
     source = SolverSource(effects="none", growth="isotropic", question="exists")
     run = source.run({**HEAVY, "contraction": 0.05}, 0)
     assert run.settled
     loads = [shape.load for shape in run.shapes]
     assert loads == sorted(loads) and loads.count(1.0) == 2 and loads[-1] == 2
-    folded, released = (run.shapes[k].model for k in (0, -1))
-    assert released.scene.size > folded.scene.size
     # Contraction along the fold, too, curls the hinge.
     at = loads.index(1.0)
     assert run.history[at]["m2"] < 0.01 < run.history[-1]["m2"]

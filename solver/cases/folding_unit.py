@@ -168,8 +168,13 @@ class Model:
         """The model with fewer mirror planes, and the same state on it as its unknowns.
 
         Its rows hold the rotations where the state has them. Raises ValueError for a mirror plane
-        that this model doesn't have.
+        that this model doesn't have, and for a model on a mesh of one's own.
         """
+        if self.options["body"] is not None:
+            raise ValueError(
+                "the unit loses a symmetry, and the mesh that was given is only a part of it; "
+                "give one of the whole unit, with mirrors=()"
+            )
         lost = [axis for axis, name in enumerate("xy") if name in self.mirrors]
         lost = [axis for axis in lost if "xy"[axis] not in mirrors]
         if not lost or not set(mirrors) <= set(self.mirrors):
@@ -193,6 +198,7 @@ def build(
     mirrors: Sequence[str] = ("x", "y"),
     upright: bool = True,
     element: str = "hex27",
+    curls: bool | None = None,
     stiffening: Callable[[float], float] | None = None,
     barrier: str = "surface",
     body: Body | None = None,
@@ -204,6 +210,8 @@ def build(
     ``level``: fineness of the mesh, see :mod:`solver.cases.unit_mesh`. ``effects``: of ("gravity",
     "ground"); weight needs the ground. ``upright``: hold the unit against toppling (rows on its
     rotations) where mirror planes don't; otherwise all of its surface may touch the ground.
+    ``curls``: whether the mesh resolves curling across the hinge, by default where the growth makes
+    it curl; a state can go from one growth to another on the same mesh only.
     ``stiffening``: factor on E_i as a function of e (§4.8.4). ``barrier``: "surface", or
     "exponential" for the dissertation's (Eq. 4.5). ``body``: a mesh of one's own, with sub-domains
     "passive" and "active". ``deadline``: ``time.monotonic()`` at
@@ -227,13 +235,14 @@ def build(
     mirrors = tuple(mirrors)
     options = {
         "level": level, "growth": growth, "effects": effects, "mirrors": mirrors,
-        "upright": upright, "element": element, "stiffening": stiffening, "barrier": barrier,
-        "body": body, "deadline": deadline,
+        "upright": upright, "element": element, "curls": curls, "stiffening": stiffening,
+        "barrier": barrier, "body": body, "deadline": deadline,
     }  # fmt: skip
     if body is None:
         body = unit_mesh.mesh(
-            unit, level, mirrors=mirrors, element=element, growth=growth, heavy=bool(effects)
-        )
+            unit, level, mirrors=mirrors, element=element, heavy=bool(effects),
+            curls=growth != "uniaxial" if curls is None else curls,
+        )  # fmt: skip
     active = body.cells_of("active")
     shares = [
         (lambda e, s=s: -unit.contraction * s(e)) if callable(s) else -unit.contraction * s

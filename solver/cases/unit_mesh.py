@@ -47,12 +47,13 @@ def mesh(
     *,
     mirrors: tuple[str, ...],
     element: str = "hex27",
-    growth: str = "uniaxial",
+    curls: bool = False,
     heavy: bool = True,
 ) -> Body:
     """Body with sub-domains "passive" and "active"; ``level`` picks from :data:`LEVELS`.
 
-    Raises ValueError for a level or mirror plane that is not there.
+    ``curls``: whether the hinge may curl about the sheet's axis; ``heavy``: whether weight bends
+    the panels. Raises ValueError for a level or mirror plane that is not there.
     """
     if not isinstance(level, Sizes):
         if level not in range(len(LEVELS)):
@@ -67,9 +68,9 @@ def mesh(
     longest = half / max(np.ceil(turning / level.turn), 2)
     y = joined(
         half - growing(half, first, level.factor, longest)[::-1],
-        half + growing(0.5 - half, first, level.factor, _panel(unit, level, growth, heavy)),
+        half + growing(0.5 - half, first, level.factor, _panel(unit, level, curls, heavy)),
     )
-    x, solid = _across(unit, level, growth)
+    x, solid = _across(unit, level, curls)
     start = level.layered * min(h, top)
     below = h - growing(h, start, 3.0)[::-1] if level.layered else np.array([0, h])
     above = h + growing(top, start, 3.0) if level.layered else np.array([h, h + top])
@@ -93,23 +94,23 @@ def mesh(
     return Body.build(grid, element, bent=1 if element == "hex27" else None)
 
 
-def _panel(unit, level: Sizes, growth: str, heavy: bool) -> float:
+def _panel(unit, level: Sizes, curls: bool, heavy: bool) -> float:
     """Longest element of a panel along y."""
     longest = 0.4
     if heavy:
         # Length over which weight bends a sheet: (B/w)^⅓ with B = h³/12 and w = h³/Γ.
         longest = min(0.2, level.panel * (unit.stiffness_to_weight / 12) ** (1 / 3) / 2)
-    if growth != "uniaxial":
+    if curls:
         # What curls across the hinge dies away in the panel over the hinge's width.
         longest = min(longest, level.panel * unit.width / 3)
     return longest
 
 
-def _across(unit, level: Sizes, growth: str):
+def _across(unit, level: Sizes, curls: bool):
     """x coordinates of the half x ≥ 0, and the test of |x| for the active layer."""
     half = unit.width / 2
     n = level.across
-    if growth != "uniaxial":
+    if curls:
         turning = min(unit.curvature * half, np.pi)
         n = max(n + 1, int(np.ceil(turning / level.turn)))
     if unit.strips:

@@ -12,7 +12,7 @@ is n₋(K) + n₋(−C K⁻¹ Cᵀ) − m, without them n₋(K).
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from enum import Enum
 
@@ -213,22 +213,18 @@ def fold(
     return walk.run(np.zeros(model.scene.size) if start is None else start)
 
 
-def moved(
-    model: Model, x: np.ndarray, e: float, level: int, growth: str, options: Mapping
-) -> tuple[Model, np.ndarray]:
-    """Another model of the unit, and the same state on its mesh as a guess of its unknowns.
-
-    ``options``: of :func:`solver.cases.folding_unit.build`, the rest of them.
-    """
+def carried(model: Model, x: np.ndarray, e: float, **options) -> tuple[Model, np.ndarray]:
+    """Another model of the same unit with the options of
+    :func:`solver.cases.folding_unit.build`, and a state of this one on it as its unknowns."""
     u = model.scene.displacement(x, e)
 
     def mapped(body):
         return model.body.interpolation(body.nodes) @ u
 
-    other = build(model.unit, **{**options, "level": level, "growth": growth, "at": mapped})
+    other = build(model.unit, **{**options, "at": mapped})
     start = mapped(other.body)
     if isinstance(other.ground, Ground):
-        # Between the first mesh's contact points the sheet may lie below the floor.
+        # Between this mesh's contact points the sheet may lie below the floor.
         low = other.ground.gaps(start).min() + 0.9 * other.ground.depth
         start[:, 2] += max(0.0, -low)
     return other, other.scene.unknowns(start)
@@ -252,9 +248,9 @@ def refined(
     model, x, last = folding.model, folding.x, folding.last
     if earlier:
         (model, x), last = folding.before, folding.states[-2]
-    options = {**model.options, "mirrors": model.mirrors, "deadline": deadline}
+    options = {**model.options, "body": None, "deadline": deadline, "level": level}
     try:
-        fine, x = moved(model, x, last.e, level, model.growth, options)
+        fine, x = carried(model, x, last.e, **options)
         found = newton(fine.scene, x, last.e, rtol=rtol, max_iterations=25, unstable=0)
         spent = found.iterations
         if not (found.converged and found.system.unstable == 0):
