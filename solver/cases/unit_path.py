@@ -351,10 +351,11 @@ class _Walk:
                 kind = "symmetric" if whole and event.kind == "bifurcation" else event.kind
                 self.happenings.append(Happening(kind, event.e, event.size))
         checks = self.symmetries.check(point.x, point.e)
-        lost = [c for c in checks if c.held]
+        lost = self._lost(checks)
         while lost and self.model.mirrors and isinstance(self.stepper, Settle):
             # Of classes lost in the same step the one that keeps most.
-            kept = max((c.kept for c in lost), key=len)
+            first = max(lost, key=lambda c: len(c.kept))
+            kept = first.kept
             self.model, x = self.model.widened(kept, point.x, point.e)
             before = self.model.scene.displacement(x, point.e)
             self.symmetries = Symmetries(self.model)
@@ -363,10 +364,11 @@ class _Walk:
                 return found
             self.iterations += found.iterations
             size = float(np.abs(self.model.scene.displacement(found.x, found.e) - before).max())
-            self.happenings.append(Happening(CLASSES[kept], point.e, size))
+            kind = CLASSES[kept] if first.held else "toppling"
+            self.happenings.append(Happening(kind, point.e, size))
             point = replace(found, index=point.index)
             checks = self.symmetries.check(point.x, point.e)
-            lost = [c for c in checks if c.held]
+            lost = self._lost(checks)
         state = _state(
             self.model, point.x, point.e, point.unstable, point.energy, point.iterations, checks
         )
@@ -377,3 +379,7 @@ class _Walk:
         if self.on_state is not None:
             self.on_state(self.model, point.x, state)
         return point
+
+    def _lost(self, checks) -> list[Check]:
+        """The classes in which the unit cannot stay as it is; tipping counts where it may tip."""
+        return [c for c in checks if (c.held if self.model.upright else c.free)]
