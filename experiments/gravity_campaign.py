@@ -14,13 +14,16 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import matplotlib as mpl
 import numpy as np
 import pandas as pd
+from matplotlib.figure import Figure
 
-from experiments.common import OUT, main
+from experiments.common import OUT, main, save_figure
 from foldlab.campaign import run_campaign
 from foldlab.design import FULL
 from foldlab.labels import LabelStore
+from foldlab.plots import STYLE
 from foldlab.sources import SolverSource
 
 SHEETS = FULL.with_bounds(slenderness=(1e-3, 3e-2))
@@ -67,6 +70,9 @@ def run(config: Config, tracker) -> dict[str, Any]:
         .reset_index()
     )
     tracker.table("labels", frame.drop(columns=["curves", "history"], errors="ignore"))
+    figure = picture(frame)
+    save_figure(figure, "gravity_campaign")
+    tracker.figure("gravity_campaign", figure)
     return {
         "labels": len(frame),
         "core_seconds_median": float(seconds.median()),
@@ -84,6 +90,35 @@ def run(config: Config, tracker) -> dict[str, Any]:
         ),
         "table": table.to_dict("records"),
     }
+
+
+def picture(frame: pd.DataFrame) -> Figure:
+    """What labels cost, and how they end against the weight."""
+    with mpl.rc_context(STYLE):
+        figure = Figure(figsize=(7, 2.8), layout="constrained")
+        cost, ends = figure.subplots(1, 2)
+        seconds = np.sort(frame["core_seconds"].dropna())
+        cost.step(seconds, np.arange(1, len(seconds) + 1) / len(seconds), where="post")
+        cost.set(
+            xscale="log", xlabel="core-seconds per label", ylabel="share of labels", ylim=(0, 1)
+        )
+        gamma = np.log10(frame["stiffness_to_weight"])
+        edges = np.linspace(-2, 2, 9)
+        names = list(frame["outcome"].value_counts().index)
+        counts = [np.histogram(gamma[frame["outcome"] == name], edges)[0] for name in names]
+        whole = np.maximum(np.sum(counts, axis=0), 1)
+        below = np.zeros(len(edges) - 1)
+        colours = mpl.colormaps["tab20"](np.linspace(0, 1, 20))
+        for name, count, colour in zip(names, counts, colours, strict=False):
+            share = count / whole
+            ends.bar(
+                10 ** edges[:-1], share, np.diff(10**edges), bottom=below, align="edge",
+                label=name.replace("_", " "), color=colour,
+            )  # fmt: skip
+            below += share
+        ends.set(xscale="log", xlabel="Γ = E h² / (ρ g l³)", ylabel="share of labels", ylim=(0, 1))
+        ends.legend(fontsize=6, loc="center left", bbox_to_anchor=(1, 0.5), frameon=False)
+    return figure
 
 
 if __name__ == "__main__":

@@ -15,8 +15,8 @@ from typing import Any
 
 import pandas as pd
 
-from experiments.common import OUT, main
-from experiments.gravity_campaign import SHEETS
+from experiments.common import OUT, main, save_figure
+from experiments.gravity_campaign import SHEETS, picture
 from foldlab.campaign import run_campaign
 from foldlab.design import FULL
 from foldlab.errors import InputError
@@ -73,6 +73,9 @@ def run(config: Config, tracker) -> dict[str, Any]:
         "versions": {name: version(name) for name in PACKAGES},
     }
     path = write_table(table, Path(config.out))
+    figure = picture(table)
+    save_figure(figure, "gravity_dataset")
+    tracker.figure("gravity_dataset", figure)
     known = table["foldable"].notna()
     return {
         "labels": len(table),

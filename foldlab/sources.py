@@ -66,8 +66,8 @@ class SolverSource:
     by uniaxial contraction and then released to isotropic? ``upright``: whether the unit is held
     against toppling. ``timeout``: seconds per label, after which it is unknown. ``seed``: follow
     noisy steps (§4.3.3) on the whole unit instead of testing symmetric ones. ``strips``: active
-    strips side by side along the hinge, half of its width (0: a solid layer). ``barrier``: the
-    ground's, "surface" or the dissertation's "exponential" (Eq. 4.5).
+    strips side by side along the hinge that cover ``strip_share`` of its width (0: a solid layer).
+    ``barrier``: the ground's, "surface" or the dissertation's "exponential" (Eq. 4.5).
 
     Panels pass through each other, as in the dissertation; a path ends where the fold has made a
     full turn, and where the hinge has curled through half a turn about the other axis.
@@ -86,6 +86,7 @@ class SolverSource:
         timeout: float = 60.0,
         seed: int | None = None,
         strips: int = 0,
+        strip_share: float = 0.5,
         barrier: Literal["surface", "exponential"] = "surface",
     ):
         known = {"uniaxial", "isotropic"}
@@ -115,10 +116,13 @@ class SolverSource:
         self.space = FULL
         self.accuracy, self.effects, self.growth = float(accuracy), effects, growth
         self.question, self.upright, self.timeout = question, bool(upright), float(timeout)
-        self.seed, self.strips, self.barrier = seed, strips, barrier
+        self.seed, self.barrier = seed, barrier
+        self.strips, self.strip_share = strips, float(strip_share)
         parts = ["1", growth, effects.replace(",", "+"), f"{accuracy:g}"]
         parts += ["exists"] * (question == "exists") + ["falls"] * (not upright)
-        parts += [f"noise{seed}"] * (seed is not None) + [f"strips{strips}"] * (strips > 0)
+        parts += [f"noise{seed}"] * (seed is not None) + [f"strips{strips}x{strip_share:g}"] * (
+            strips > 0
+        )
         parts += [barrier] * (barrier != "surface")
         self.version = "-".join(parts)
 
@@ -173,7 +177,7 @@ class SolverSource:
 
         try:
             groups = {k: float(v) for k, v in design.items()}
-            return folding_unit.Unit(**groups, strips=self.strips)
+            return folding_unit.Unit(**groups, strips=self.strips, strip_share=self.strip_share)
         except (TypeError, ValueError) as error:
             raise InputError(f"the design is no folding unit: {error}") from error
 

@@ -244,9 +244,7 @@ def _definite(scene: Scene, system: System, shift: float) -> tuple[System, float
     raise SingularMatrix("no shift makes the tangent positive definite")
 
 
-def _off_saddle(
-    scene: Scene, system: System, x: np.ndarray, e: float, rtol: float
-) -> np.ndarray:
+def _off_saddle(scene: Scene, system: System, x: np.ndarray, e: float, rtol: float) -> np.ndarray:
     """A state of lower energy beside a saddle, along its lowest mode.
 
     Where roundoff hides the fall, a small step along the mode. Raises
