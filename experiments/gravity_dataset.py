@@ -56,7 +56,8 @@ def run(config: Config, tracker) -> dict[str, Any]:
     table = pd.concat(parts, ignore_index=True)
     if not table["core_seconds"].notna().any():
         raise InputError("the stores hold no label that says what it cost; label again")
-    table["normalised_angle"] = table["fold_angle"] / table["contraction_reached"]
+    reached = table["contraction_reached"].where(table["contraction_reached"] > 0)
+    table["normalised_angle"] = table["fold_angle"] / reached
     first = [*FULL.names, "growth", "foldable", "outcome", "reason", "fold_angle"]
     rest = [c for c in table.columns if c not in first and c not in DROPPED]
     table = table[[*first, "normalised_angle", *rest]]

@@ -280,7 +280,6 @@ class SolverSource:
                 **run.measures,
                 **tags,
                 "contraction_reached": last["contraction"],
-                "normalised_angle": last["m1"] / last["contraction"],
                 "threshold": thresholds.turning,
                 "unstable_modes": last["unstable"],
                 "stable": last["unstable"] == 0 and run.settled,
@@ -295,6 +294,8 @@ class SolverSource:
                 first = run.history[0]
                 evidence["rest_gap"] = max(first["lowest"], first["tip"])
                 evidence["penetration"] = max(0.0, -min(h["lowest"] for h in run.history))
+            if last["contraction"] > 0:
+                evidence["normalised_angle"] = last["m1"] / last["contraction"]
         if run.settled:
             foldable, outcome, reason = foldability.verdict(
                 design, run.history, tags, events, run.closed
