@@ -17,6 +17,7 @@ from foldlab import label_verbs
 from foldlab.design import space_named, space_of
 from foldlab.errors import InputError
 from foldlab.settings import build, numbers, read_settings
+from foldlab.simulate import simulate
 from foldlab.tables import read_table, write_table
 from foldlab.terminal import Config, Json, NotReached, Seed, Sets, Space, Workers, emit, err
 
@@ -57,7 +58,7 @@ def _show_warning(message, category, filename, lineno, file=None, line=None) -> 
     err.print(f"warning: {message}", markup=False, highlight=False)
 
 
-for verb in (label_verbs.sample, label_verbs.label, label_verbs.export):
+for verb in (label_verbs.sample, label_verbs.label, label_verbs.export, simulate):
     app.command()(verb)
 
 

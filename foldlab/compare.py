@@ -7,6 +7,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Any
 
+import numpy as np
 import pandas as pd
 
 from foldlab.classify import as_labels, make_classifier, model_size, score
@@ -90,7 +91,14 @@ def fit(name: str, space: DesignSpace, labels: pd.DataFrame, *, seed: int, **opt
                 "the symbolic model learns the angle per unit strain, and the table has no column "
                 "normalised_angle; label with a source that states it, or take another model"
             )
-        return model.fit(known[space.names], known["normalised_angle"].to_numpy(float))
+        angle = known["normalised_angle"].to_numpy(float)
+        if "threshold" in known:
+            model.set_params(threshold=float(known["threshold"].iloc[0]))
+        if (angle <= 0).any():
+            # A sheet that sags turns the other way; the formula's logs need numbers above 0, and
+            # far from the threshold on that side no accuracy.
+            angle = np.maximum(angle, 0.1 * model.threshold)
+        return model.fit(known[space.names], angle)
     return model.fit(known[space.names], target)
 
 

@@ -4,92 +4,25 @@ from __future__ import annotations
 
 import resource
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 import pandas as pd
 
-from foldlab import foldability, timoshenko
-from foldlab.design import FULL, REDUCED, DesignSpace
+from foldlab import foldability
+from foldlab.design import FULL, DesignSpace
 from foldlab.errors import InputError
 from foldlab.labels import Label
 from foldlab.settings import call
+from foldlab.timoshenko import TimoshenkoSource
 
 if TYPE_CHECKING:
+    from solver.cases.folding_unit import Unit
+    from solver.cases.unit_output import Shape
     from solver.cases.unit_path import Folding, State
-
-
-class TimoshenkoSource:
-    """Labels from the bimetal strip: no weight, small strain, no edges.
-
-    In the reduced space Eq. 4.26 *defines* the label, so its error is 0. In the full space a design
-    folds if the hinge alone turns by more than |g|π (F1 of Eq. 4.21); weight is not seen there and
-    the error is unknown (None).
-    """
-
-    name = "timoshenko"
-    version = "1"
-
-    def __init__(self, space: DesignSpace = REDUCED, assumption: timoshenko.Assumption = "strip"):
-        if assumption not in timoshenko.ASSUMPTIONS:
-            raise InputError(
-                f"no assumption {assumption!r}; there are: {', '.join(timoshenko.ASSUMPTIONS)}"
-            )
-        self.space = space
-        self.assumption = assumption
-        if assumption != "strip":
-            self.version = f"1-{assumption}"
-
-    def label(self, design: Mapping[str, float]) -> Label:
-        return self.label_many(pd.DataFrame([dict(design)]))[0]
-
-    def label_many(self, designs: pd.DataFrame) -> list[Label]:
-        start = time.perf_counter()
-        table = self.evaluate(designs)
-        seconds = (time.perf_counter() - start) / len(table)
-        groups = table[self.space.names].to_dict("records")
-        evidence = table.drop(columns=[*self.space.names, "foldable"]).to_dict("records")
-        exact = 0.0 if "contraction" not in table else None
-        return [
-            Label(
-                design=design,
-                foldable=bool(foldable),
-                reason=_reason(foldable, values),
-                evidence={**values, "error_estimate": exact, "seconds": seconds},
-                source=self.name,
-                version=self.version,
-            )
-            for design, foldable, values in zip(groups, table["foldable"], evidence, strict=True)
-        ]
-
-    def evaluate(self, designs: pd.DataFrame) -> pd.DataFrame:
-        """Vectorised: groups with ``normalised_angle``, ``threshold``, ``margin``, ``foldable``.
-
-        ``margin`` = ln(angle / threshold): 0.1 means that the angle clears the threshold by 10 %.
-        """
-        table = self.space.validate(designs)
-        angle = timoshenko.normalised_angle(
-            table["E_ratio"], table["h_ratio"], table["slenderness"], assumption=self.assumption
-        )
-        threshold = timoshenko.FULL_TURN
-        if "contraction" in table:
-            table["fold_angle"] = angle * table["hinge_length"] * table["contraction"]
-            angle, threshold = angle * table["hinge_length"], np.pi
-        table["normalised_angle"] = angle
-        table["threshold"] = threshold
-        table["margin"] = np.log(angle / threshold)
-        table["foldable"] = angle >= threshold
-        return table
-
-
-def _reason(foldable: bool, values: Mapping[str, float]) -> str:
-    verdict = "reaches" if foldable else "stays below"
-    return (
-        f"the angle per unit strain, {values['normalised_angle']:.4g}, {verdict} the threshold "
-        f"{values['threshold']:.4g}"
-    )
 
 
 @dataclass(frozen=True, eq=False)
@@ -98,11 +31,13 @@ class Run:
 
     ``history``: per state ``contraction``, m1 … m4, ``hinge``, ``unstable``, and over a ground
     ``tip`` and ``lowest`` (heights over h_s). ``closed``: whether it ended at a full turn.
+    ``shapes``: what the unit looked like in each of them.
     """
 
     folding: Folding
     history: list[dict[str, float]]
     closed: bool
+    shapes: list[Shape]
 
     @property
     def settled(self) -> bool:
@@ -114,6 +49,12 @@ class Run:
         """Of the last state."""
         return {k: self.history[-1][k] for k in ("m1", "m2", "m3", "m4", "hinge")}
 
+    def write_series(self, path: Path) -> list[float]:
+        """The whole unit's path as a PVD series for ParaView; its loads, see ``Shape.load``."""
+        from solver.cases.unit_output import write_path
+
+        return write_path(path, self.shapes)
+
 
 class SolverSource:
     """Labels from the finite-strain solver, with weight and ground or without.
@@ -124,7 +65,9 @@ class SolverSource:
     "isotropic". ``question``: "from_flat", or "exists": is there a folded stable state, approached
     by uniaxial contraction and then released to isotropic? ``upright``: whether the unit is held
     against toppling. ``timeout``: seconds per label, after which it is unknown. ``seed``: follow
-    noisy steps (§4.3.3) on the whole unit instead of testing symmetric ones.
+    noisy steps (§4.3.3) on the whole unit instead of testing symmetric ones. ``strips``: active
+    strips side by side along the hinge, half of its width (0: a solid layer). ``barrier``: the
+    ground's, "surface" or the dissertation's "exponential" (Eq. 4.5).
 
     Panels pass through each other, as in the dissertation; a path ends where the fold has made a
     full turn, and where the hinge has curled through half a turn about the other axis.
@@ -142,6 +85,8 @@ class SolverSource:
         upright: bool = True,
         timeout: float = 60.0,
         seed: int | None = None,
+        strips: int = 0,
+        barrier: Literal["surface", "exponential"] = "surface",
     ):
         known = {"uniaxial", "isotropic"}
         if growth not in known:
@@ -157,6 +102,8 @@ class SolverSource:
                 f"effects {effects!r}; expected 'none' or 'gravity,ground': weight and ground come "
                 "together"
             )
+        if barrier not in ("surface", "exponential"):
+            raise InputError(f"barrier {barrier!r}; expected 'surface' or 'exponential'")
         for name, value in (("accuracy", accuracy), ("timeout", timeout)):
             if not (np.isfinite(value) and value > 0):
                 raise InputError(f"{name} = {value!r}; expected a finite number above 0")
@@ -168,10 +115,11 @@ class SolverSource:
         self.space = FULL
         self.accuracy, self.effects, self.growth = float(accuracy), effects, growth
         self.question, self.upright, self.timeout = question, bool(upright), float(timeout)
-        self.seed = seed
+        self.seed, self.strips, self.barrier = seed, strips, barrier
         parts = ["1", growth, effects.replace(",", "+"), f"{accuracy:g}"]
         parts += ["exists"] * (question == "exists") + ["falls"] * (not upright)
-        parts += [f"noise{seed}"] * (seed is not None)
+        parts += [f"noise{seed}"] * (seed is not None) + [f"strips{strips}"] * (strips > 0)
+        parts += [barrier] * (barrier != "surface")
         self.version = "-".join(parts)
 
     @property
@@ -181,6 +129,10 @@ class SolverSource:
 
     def label(self, design: Mapping[str, float]) -> Label:
         """Never raises for a design that can be validated; what fails is an unknown label."""
+        return self.follow(design)[1]
+
+    def follow(self, design: Mapping[str, float]) -> tuple[Run, Label]:
+        """As :meth:`label`, with the path that the label comes from."""
         from solver.terms import OutOfTime
 
         groups = self.space.validate(pd.DataFrame([dict(design)]), bounds=False)
@@ -213,7 +165,17 @@ class SolverSource:
             "seconds": time.monotonic() - start,
             "core_seconds": time.process_time() - worked,
         }
-        return replace(label, evidence={**label.evidence, **spent})
+        return run, replace(label, evidence={**label.evidence, **spent})
+
+    def unit(self, design: Mapping[str, float]) -> Unit:
+        """The solver's unit; raises :class:`InputError` for a design that is none."""
+        from solver.cases import folding_unit
+
+        try:
+            groups = {k: float(v) for k, v in design.items()}
+            return folding_unit.Unit(**groups, strips=self.strips)
+        except (TypeError, ValueError) as error:
+            raise InputError(f"the design is no folding unit: {error}") from error
 
     def run(
         self,
@@ -221,19 +183,18 @@ class SolverSource:
         level: int = 1,
         *,
         deadline: float | None = None,
-        on_state: Callable | None = None,
     ) -> Run:
-        """The path of a design on one mesh. ``on_state``: see :func:`unit_path.fold`.
+        """The path of a design on one mesh.
 
         Raises :class:`InputError` for a design that is no unit.
         """
         from solver.cases import folding_unit, unit_path
+        from solver.cases.unit_output import Shape
 
-        try:
-            unit = folding_unit.Unit(**{k: float(v) for k, v in design.items()})
-        except (TypeError, ValueError) as error:
-            raise InputError(f"the design is no folding unit: {error}") from error
+        unit = self.unit(design)
         history: list[dict[str, float]] = []
+        shapes: list[Shape] = []
+        seen = lambda *shape: shapes.append(Shape(*shape))  # noqa: E731
 
         def closed(state: State) -> bool:
             row = _row(state, unit)
@@ -241,24 +202,25 @@ class SolverSource:
             return abs(row["m1"]) >= 2 * np.pi or row["m2"] >= np.pi
 
         growth = "uniaxial" if self.question == "exists" else self.growth
-        options = {"effects": self.terms, "upright": self.upright, "deadline": deadline}
-        options["curls"] = self.growth == "isotropic"
+        options = {
+            "effects": self.terms, "upright": self.upright, "deadline": deadline,
+            "barrier": self.barrier, "curls": self.growth == "isotropic",
+        }  # fmt: skip
         if self.seed is not None:
             options["mirrors"] = ()
         model = folding_unit.build(unit, level, growth=growth, **options)
         noise = None if self.seed is None else (1e-3, self.seed)
-        folding = unit_path.fold(model, stop=closed, noise=noise, on_state=on_state)
+        folding = unit_path.fold(model, stop=closed, noise=noise, on_state=seen)
         if self.question == "exists" and folding.ending.name == "REACHED":
             before = len(history)
             options["mirrors"] = folding.model.mirrors
-            u = folding.model.scene.displacement(folding.x, 1.0)
-            model = folding_unit.build(unit, level, growth="release", at=lambda _: u, **options)
-            folding = unit_path.fold(
-                model, model.scene.unknowns(u), stop=closed, noise=noise, on_state=on_state
+            model, start = unit_path.carried(
+                folding.model, folding.x, 1.0, level=level, growth="release", **options
             )
+            folding = unit_path.fold(model, start, stop=closed, noise=noise, on_state=seen)
             for row in history[before:]:
                 row["contraction"] = unit.contraction
-        return Run(folding, history, folding.ending.name == "STOPPED")
+        return Run(folding, history, folding.ending.name == "STOPPED", shapes)
 
     def _refined(self, run: Run, level: int, deadline: float) -> tuple[Run, float] | None:
         """The last state of a run on a finer mesh, after the run's history; and its error.
@@ -267,6 +229,7 @@ class SolverSource:
         then the state before, for the error only.
         """
         from solver.cases import unit_path
+        from solver.cases.unit_output import Shape
 
         folding = run.folding
         if run.closed and len(run.history) < 2:
@@ -288,7 +251,8 @@ class SolverSource:
             iterations=folding.iterations + finer.iterations,
             before=folding.before,
         )
-        return Run(finer, [*run.history[:-1], row], False), SHARE * off
+        shapes = [*run.shapes[:-1], Shape(finer.model, finer.x, finer.last)]
+        return Run(finer, [*run.history[:-1], row], False, shapes), SHARE * off
 
     def _judge(self, design, run: Run, error, levels: int) -> Label:
         thresholds = foldability.Thresholds()
@@ -312,6 +276,8 @@ class SolverSource:
                 **run.measures,
                 **tags,
                 "contraction_reached": last["contraction"],
+                "normalised_angle": last["m1"] / last["contraction"],
+                "threshold": thresholds.turning,
                 "unstable_modes": last["unstable"],
                 "stable": last["unstable"] == 0 and run.settled,
                 "topples": folding.last.topples,

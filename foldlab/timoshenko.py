@@ -1,4 +1,4 @@
-"""Timoshenko's bimetal strip as an oracle (Eqs. 4.14, 4.15, 4.25, 4.26).
+"""Timoshenko's bimetal strip (Eqs. 4.14, 4.15, 4.25, 4.26): the oracle and its label source.
 
 With m = h_i/h_s and n = E_i/E_s,
 
@@ -21,11 +21,16 @@ small strain, no shear lag, no weight. What n and g mean depends on what holds t
 
 from __future__ import annotations
 
+import time
+from collections.abc import Mapping
 from typing import Literal
 
 import numpy as np
+import pandas as pd
 
+from foldlab.design import REDUCED, DesignSpace
 from foldlab.errors import InputError
+from foldlab.labels import Label
 
 Assumption = Literal["strip", "plane_strain", "plane_strain_isotropic", "plate"]
 ASSUMPTIONS = ("strip", "plane_strain", "plane_strain_isotropic", "plate")
@@ -76,3 +81,72 @@ def fold_angle(E_ratio, h_ratio, slenderness, hinge_length, contraction, **optio
 def folds(E_ratio, h_ratio, slenderness, **options):
     """Label of the reduced space (Eq. 4.26): κ l_s / g ≥ 2π."""
     return normalised_angle(E_ratio, h_ratio, slenderness, **options) >= FULL_TURN
+
+
+class TimoshenkoSource:
+    """Labels from the bimetal strip: no weight, small strain, no edges.
+
+    In the reduced space Eq. 4.26 *defines* the label, so its error is 0. In the full space a design
+    folds if the hinge alone turns by more than |g|π (F1 of Eq. 4.21); weight is not seen there and
+    the error is unknown (None).
+    """
+
+    name = "timoshenko"
+    version = "1"
+
+    def __init__(self, space: DesignSpace = REDUCED, assumption: Assumption = "strip"):
+        if assumption not in ASSUMPTIONS:
+            raise InputError(f"no assumption {assumption!r}; there are: {', '.join(ASSUMPTIONS)}")
+        self.space = space
+        self.assumption = assumption
+        if assumption != "strip":
+            self.version = f"1-{assumption}"
+
+    def label(self, design: Mapping[str, float]) -> Label:
+        return self.label_many(pd.DataFrame([dict(design)]))[0]
+
+    def label_many(self, designs: pd.DataFrame) -> list[Label]:
+        start = time.perf_counter()
+        table = self.evaluate(designs)
+        seconds = (time.perf_counter() - start) / len(table)
+        groups = table[self.space.names].to_dict("records")
+        evidence = table.drop(columns=[*self.space.names, "foldable"]).to_dict("records")
+        exact = 0.0 if "contraction" not in table else None
+        return [
+            Label(
+                design=design,
+                foldable=bool(foldable),
+                reason=_reason(foldable, values),
+                evidence={**values, "error_estimate": exact, "seconds": seconds},
+                source=self.name,
+                version=self.version,
+            )
+            for design, foldable, values in zip(groups, table["foldable"], evidence, strict=True)
+        ]
+
+    def evaluate(self, designs: pd.DataFrame) -> pd.DataFrame:
+        """Vectorised: groups with ``normalised_angle``, ``threshold``, ``margin``, ``foldable``.
+
+        ``margin`` = ln(angle / threshold): 0.1 means that the angle clears the threshold by 10 %.
+        """
+        table = self.space.validate(designs)
+        angle = normalised_angle(
+            table["E_ratio"], table["h_ratio"], table["slenderness"], assumption=self.assumption
+        )
+        threshold = FULL_TURN
+        if "contraction" in table:
+            table["fold_angle"] = angle * table["hinge_length"] * table["contraction"]
+            angle, threshold = angle * table["hinge_length"], np.pi
+        table["normalised_angle"] = angle
+        table["threshold"] = threshold
+        table["margin"] = np.log(angle / threshold)
+        table["foldable"] = angle >= threshold
+        return table
+
+
+def _reason(foldable: bool, values: Mapping[str, float]) -> str:
+    verdict = "reaches" if foldable else "stays below"
+    return (
+        f"the angle per unit strain, {values['normalised_angle']:.4g}, {verdict} the threshold "
+        f"{values['threshold']:.4g}"
+    )

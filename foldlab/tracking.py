@@ -20,6 +20,7 @@ from pathlib import Path
 from typing import Any
 
 import pandas as pd
+from filelock import FileLock
 
 import foldlab
 
@@ -114,9 +115,11 @@ def track(experiment: str, config: Mapping[str, Any], *, seed: int | None = None
         mlflow.set_tracking_uri(uri)
         if uri == _local_uri():
             ROOT.mkdir(exist_ok=True)
-            if mlflow.get_experiment_by_name(experiment) is None:
-                artifacts = (ROOT / "artifacts" / experiment).resolve().as_uri()
-                mlflow.create_experiment(experiment, artifact_location=artifacts)
+            # Two that start at once would both make the database, and one would fail.
+            with FileLock(ROOT / "mlflow.db.lock"):
+                if mlflow.get_experiment_by_name(experiment) is None:
+                    artifacts = (ROOT / "artifacts" / experiment).resolve().as_uri()
+                    mlflow.create_experiment(experiment, artifact_location=artifacts)
         mlflow.set_experiment(experiment)
         with mlflow.start_run() as run:
             mlflow.log_params({key: str(value)[:500] for key, value in config.items()})

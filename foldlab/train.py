@@ -54,8 +54,9 @@ def train_on(
         raise InputError(f"holdout = {holdout:g}; expected a share between 0 and 1")
     space = space_of(table)
     known, unknown = known_labels(table, space)
-    if "normalised_angle" in table:
-        known["normalised_angle"] = table["normalised_angle"]
+    for column in ("normalised_angle", "threshold"):
+        if column in table:
+            known[column] = table[column]
     counts = known["foldable"].value_counts()
     if len(counts) < 2 or counts.min() < 5:
         raise InputError(

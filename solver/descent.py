@@ -111,16 +111,17 @@ def descend(
             if system.unstable == 0:
                 shift = 0.0
                 continue
-            left = _off_saddle(scene, system, here, e, rtol)
-            if left is None:
-                return result(Outcome.NO_STABLE_STATE)
-            here = left
+            try:
+                here = _off_saddle(scene, system, here, e, rtol)
+            except SingularMatrix:
+                return result(Outcome.SINGULAR)
             continue
         share = min(scene.longest_step(here, dx, e), reach / correction, 1.0)
         step = downhill(scene, system, here, e, dx, share)
         if not isinstance(step, Step):
-            near = shift == 0 and correction <= 1e3 * rtol
-            return result(Outcome.STAGNATED if near else step or Outcome.NO_PROGRESS)
+            if shift == 0 and correction <= 1e3 * rtol:
+                return result(Outcome.STAGNATED)
+            break
         if shift == 0:
             here, left = chords(residual, factor.solve, step, size, rtol)
             if left <= rtol:
@@ -131,7 +132,10 @@ def descend(
             shift *= 0.25 if step.share >= 1 else 1.0
     if iterations >= max_iterations:
         return result(Outcome.NO_STABLE_STATE)
-    return _flow(scene, here, e, rtol, reach, max_iterations, iterations, shift)
+    try:
+        return _flow(scene, here, e, rtol, reach, max_iterations, iterations, shift)
+    except SingularMatrix:
+        return result(Outcome.SINGULAR)
 
 
 class _Drag:
@@ -187,7 +191,9 @@ def _flow(scene, x, e, rtol, reach, max_iterations, spent, drag) -> NewtonResult
         spent += step.iterations + 1
         moved = largest(step.x[:n] - x[:n]) / length
         found = scene.energy(step.x, e)
-        if not (found < system.energy and moved <= 3 * reach):
+        # Differences of a thin body's energy are roundoff to ~1e-6 of it.
+        falls = found <= system.energy + 1e-6 * abs(system.energy)
+        if not (falls and 0 < moved <= 3 * reach):
             drag, failed = 8 * drag, failed + 1
             velocity = velocity if step.iterations < 3 else 0.5 * velocity
             continue
@@ -209,10 +215,8 @@ def _flow(scene, x, e, rtol, reach, max_iterations, spent, drag) -> NewtonResult
                     # The pace of the flow was another place's.
                     x, system, velocity = plain.x, scene.system(plain.x, e), 0 * velocity
         elif moved <= rtol:
-            left = _off_saddle(scene, system, x, e, rtol)
-            if left is None:
-                break
-            x, velocity = left, 0 * velocity
+            x, velocity = _off_saddle(scene, system, x, e, rtol), 0 * velocity
+            system = scene.system(x, e)
     return replace(last, x=x, iterations=spent)
 
 
@@ -242,15 +246,16 @@ def _definite(scene: Scene, system: System, shift: float) -> tuple[System, float
 
 def _off_saddle(
     scene: Scene, system: System, x: np.ndarray, e: float, rtol: float
-) -> np.ndarray | None:
-    """A state of lower energy beside a saddle, along its lowest mode; None if there is none."""
-    try:
-        # The eigenvalue nearest to zero may be a positive one. Of a tangent shifted until it is
-        # definite it is the lowest.
-        used, _, _ = _definite(scene, system, 0.0)
-        _, mode = critical_mode(scene, used.factorise(), sweeps=60)
-    except SingularMatrix:
-        return None
+) -> np.ndarray:
+    """A state of lower energy beside a saddle, along its lowest mode.
+
+    Where roundoff hides the fall, a small step along the mode. Raises
+    :class:`solver.linear.SingularMatrix` where no shift makes the tangent definite.
+    """
+    # The eigenvalue nearest to zero may be a positive one. Of a tangent shifted until it is
+    # definite it is the lowest.
+    used, _, _ = _definite(scene, system, 0.0)
+    _, mode = critical_mode(scene, used.factorise(), sweeps=60)
     mode = mode * scene.scales.length / largest(mode)
     for amount in (1e-3, 1e-2, 1e-4, 1e-5, 10 * rtol):
         sides = []
@@ -260,4 +265,4 @@ def _off_saddle(
                 sides.append((found, side))
         if sides:
             return x + min(sides)[1] * amount * mode
-    return None
+    return x + 1e-4 * mode

@@ -182,13 +182,7 @@ class Model:
         u = self.scene.displacement(x, e)
 
         def mapped(body: Body) -> np.ndarray:
-            there, signs = body.nodes.copy(), np.ones_like(body.nodes)
-            for axis in lost:
-                signs[:, axis] = np.where(there[:, axis] < 0, -1, 1)
-                there[:, axis] = np.abs(there[:, axis])
-            off, near = cKDTree(self.body.nodes).query(there)
-            if off.max() > 1e-9:
-                raise ValueError("the mesh of the larger model is no mirror image of this one")
+            near, signs = images(self.body, body, lost)
             return signs * u[near]
 
         wide = build(self.unit, **{**self.options, "mirrors": tuple(mirrors), "at": mapped})
@@ -272,11 +266,28 @@ def build(
             )
             ground = Ground(body, surface, thickness=unit.slenderness, pressure=hinge)
         terms.append(ground)
-    if deadline is not None:
-        terms.append(Deadline(deadline))
     fixed, rows = _supports(unit, body, mirrors, bool(effects), upright, at)
     scene = Scene(body, terms, fixed=fixed, rows=rows)
+    if deadline is not None:
+        # Scales are an evaluation too, and a model must come of it however late it is.
+        terms.append(Deadline(deadline))
+        scene = Scene(body, terms, fixed=fixed, rows=rows, scales=scene.scales)
     return Model(unit, body, tuple(terms), growth, mirrors, upright, scene, ground, options)
+
+
+def images(part: Body, whole: Body, axes: Sequence[int]) -> tuple[np.ndarray, np.ndarray]:
+    """For each node of a body its image in a part of it that mirror planes left, and (n, 3) signs.
+
+    ``axes``: the normals of those planes. Raises ValueError where a node has no image.
+    """
+    there, signs = whole.nodes.copy(), np.ones_like(whole.nodes)
+    for axis in axes:
+        signs[:, axis] = np.where(there[:, axis] < 0, -1, 1)
+        there[:, axis] = np.abs(there[:, axis])
+    off, near = cKDTree(part.nodes).query(there)
+    if off.max() > 1e-9:
+        raise ValueError("the mesh of the larger model is no mirror image of this one")
+    return near, signs
 
 
 def plane(body: Body, axis: int) -> np.ndarray:

@@ -213,6 +213,23 @@ def fold(
     return walk.run(np.zeros(model.scene.size) if start is None else start)
 
 
+def carried(model: Model, x: np.ndarray, e: float, **options) -> tuple[Model, np.ndarray]:
+    """Another model of the same unit with the options of
+    :func:`solver.cases.folding_unit.build`, and a state of this one on it as its unknowns."""
+    u = model.scene.displacement(x, e)
+
+    def mapped(body):
+        return model.body.interpolation(body.nodes) @ u
+
+    other = build(model.unit, **{**options, "at": mapped})
+    start = mapped(other.body)
+    if isinstance(other.ground, Ground):
+        # Between this mesh's contact points the sheet may lie below the floor.
+        low = other.ground.gaps(start).min() + 0.9 * other.ground.depth
+        start[:, 2] += max(0.0, -low)
+    return other, other.scene.unknowns(start)
+
+
 def refined(
     folding: Folding,
     level: int,
@@ -231,20 +248,9 @@ def refined(
     model, x, last = folding.model, folding.x, folding.last
     if earlier:
         (model, x), last = folding.before, folding.states[-2]
-    u = model.scene.displacement(x, last.e)
-
-    def mapped(body):
-        return model.body.interpolation(body.nodes) @ u
-
-    options = {**model.options, "body": None, "deadline": deadline}
+    options = {**model.options, "body": None, "deadline": deadline, "level": level}
     try:
-        fine = build(model.unit, **{**options, "level": level, "at": mapped})
-        start = mapped(fine.body)
-        if isinstance(fine.ground, Ground):
-            # Between the coarse mesh's contact points the sheet may lie below the floor.
-            low = fine.ground.gaps(start).min() + 0.9 * fine.ground.depth
-            start[:, 2] += max(0.0, -low)
-        x = fine.scene.unknowns(start)
+        fine, x = carried(model, x, last.e, **options)
         found = newton(fine.scene, x, last.e, rtol=rtol, max_iterations=25, unstable=0)
         spent = found.iterations
         if not (found.converged and found.system.unstable == 0):
@@ -345,10 +351,11 @@ class _Walk:
                 kind = "symmetric" if whole and event.kind == "bifurcation" else event.kind
                 self.happenings.append(Happening(kind, event.e, event.size))
         checks = self.symmetries.check(point.x, point.e)
-        lost = [c for c in checks if c.held]
+        lost = self._lost(checks)
         while lost and self.model.mirrors and isinstance(self.stepper, Settle):
             # Of classes lost in the same step the one that keeps most.
-            kept = max((c.kept for c in lost), key=len)
+            first = max(lost, key=lambda c: len(c.kept))
+            kept = first.kept
             self.model, x = self.model.widened(kept, point.x, point.e)
             before = self.model.scene.displacement(x, point.e)
             self.symmetries = Symmetries(self.model)
@@ -357,10 +364,11 @@ class _Walk:
                 return found
             self.iterations += found.iterations
             size = float(np.abs(self.model.scene.displacement(found.x, found.e) - before).max())
-            self.happenings.append(Happening(CLASSES[kept], point.e, size))
+            kind = CLASSES[kept] if first.held else "toppling"
+            self.happenings.append(Happening(kind, point.e, size))
             point = replace(found, index=point.index)
             checks = self.symmetries.check(point.x, point.e)
-            lost = [c for c in checks if c.held]
+            lost = self._lost(checks)
         state = _state(
             self.model, point.x, point.e, point.unstable, point.energy, point.iterations, checks
         )
@@ -371,3 +379,7 @@ class _Walk:
         if self.on_state is not None:
             self.on_state(self.model, point.x, state)
         return point
+
+    def _lost(self, checks) -> list[Check]:
+        """The classes in which the unit cannot stay as it is; tipping counts where it may tip."""
+        return [c for c in checks if (c.held if self.model.upright else c.free)]
