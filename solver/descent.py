@@ -195,7 +195,8 @@ def _flow(scene, x, e, rtol, reach, max_iterations, spent, drag) -> NewtonResult
         falls = found <= system.energy + 1e-6 * abs(system.energy)
         if not (falls and 0 < moved <= 3 * reach):
             drag, failed = 8 * drag, failed + 1
-            velocity = velocity if step.iterations < 3 else 0.5 * velocity
+            # After Newton's method has moved on, the pace is another place's and may overshoot.
+            velocity = (0.0 if failed > 2 else 1.0 if step.iterations < 3 else 0.5) * velocity
             continue
         failed = 0
         velocity = drag * (step.x - x)
@@ -212,8 +213,7 @@ def _flow(scene, x, e, rtol, reach, max_iterations, spent, drag) -> NewtonResult
                     return replace(plain, iterations=spent)
                 found = scene.energy(plain.x, e)
                 if found < system.energy:
-                    # The pace of the flow was another place's.
-                    x, system, velocity = plain.x, scene.system(plain.x, e), 0 * velocity
+                    x, system = plain.x, scene.system(plain.x, e)
         elif moved <= rtol:
             x, velocity = _off_saddle(scene, system, x, e, rtol), 0 * velocity
             system = scene.system(x, e)

@@ -83,6 +83,13 @@ def test_a_flat_sheet_measures_nothing():
     assert (m.m3, m.m4) == pytest.approx((1, 1), abs=1e-12)
 
 
+def test_a_hair_of_sideways_bending_is_no_fold():
+    # A straight curve has no plane of its own: the hinge's width gives it one.
+    sideways = _line(3e-4 * (S[1:] + S[:-1]) / 2)[:, [2, 1, 0]]
+    m = measure(np.stack([sideways, unit()[1], sideways + SIDE, sideways - SIDE]), LENGTH)
+    assert m.m1 == pytest.approx(0, abs=1e-7)
+
+
 @pytest.mark.parametrize("seed", range(4))
 @pytest.mark.parametrize("fold, curl", [(2.5, 0.0), (-0.4, 0.7), (7.0, 0.3), (0.0, 0.0)])
 def test_rigid_motion_changes_nothing(seed, fold, curl):

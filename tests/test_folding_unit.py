@@ -186,6 +186,15 @@ def test_four_classes_have_all_modes_of_the_whole_when_it_topples():
     assert [h.kind for h in found.happenings] == ["toppling"]
 
 
+def test_rows_hold_a_unit_upright_however_far_it_has_folded():
+    # Folded by half a turn its panels stand side by side, far from the arms of the flat sheet.
+    model = build(replace(HEAVY, stiffness_to_weight=1.0, contraction=0.22), COARSE)
+    found = reached(model)
+    assert angle(found) > np.pi and found.last.topples
+    assert counted(model, found.x, 1.0) == 0
+    assert counted(model, found.x, 1.0, free=True) == 1
+
+
 def test_four_classes_have_all_modes_of_the_whole_past_a_twist():
     model = build(P, COARSE, effects=(), growth="isotropic")
     steps = LoadSteps(rtol=1e-6, step=0.1)
