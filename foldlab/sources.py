@@ -61,9 +61,10 @@ class SolverSource:
 
     ``accuracy``: error that is asked for, of the fold angle and of the turning across the hinge,
     relative to the angle or to what counts as folded (|g|π), whichever is larger; meshes are
-    refined until two of them agree so well, at most to the third. ``effects``: "gravity,ground" or "none". ``growth``: "uniaxial" or
-    "isotropic". ``question``: "from_flat", or "exists": is there a folded stable state, approached
-    by uniaxial contraction and then released to isotropic? ``upright``: whether the unit is held
+    refined until two of them agree so well, at most to the third. ``effects``: "gravity,ground" or
+    "none". ``growth``: "uniaxial" or "isotropic". ``question``: "from_flat", or "exists": is there
+    a folded stable state, approached by uniaxial contraction and then released to isotropic?
+    ``upright``: whether the unit is held
     against toppling. ``timeout``: seconds per label, after which it is unknown. ``seed``: follow
     noisy steps (§4.3.3) on the whole unit instead of testing symmetric ones. ``strips``: active
     strips side by side along the hinge that cover ``strip_share`` of its width (0: a solid layer).
