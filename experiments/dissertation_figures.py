@@ -69,7 +69,7 @@ def _path(config: Config, design, *, growth="uniaxial", effects="gravity,ground"
 
 def no_weight(config: Config):
     found = {g: _path(config, TABLE_41, growth=g, effects="none") for g in GROWTHS}
-    angles = {g: label.evidence["fold_angle"] for g, (_, label) in found.items()}
+    angles = {g: _value(label, "fold_angle") for g, (_, label) in found.items()}
     m2 = found["isotropic"][1].evidence["m2"]
     return {f"{g}, no weight": run for g, (run, _) in found.items()}, {
         "dissertation": "uniaxial about 3.0 rad at g = 0.3; isotropic folds too",
@@ -170,7 +170,7 @@ def patterned_layer(config: Config):
     options = {"growth": "isotropic", "effects": "none"}
     solid, plain = _path(config, sheet, **options)
     strips, cut = _path(config, sheet, **options, strips=config.strips)
-    share = [x.evidence["m2"] / max(abs(x.evidence["fold_angle"]), 1e-9) for x in (plain, cut)]
+    share = [_value(x, "m2") / max(abs(_value(x, "fold_angle")), 1e-9) for x in (plain, cut)]
     return {"solid": solid, f"{config.strips} strips": strips}, {
         "dissertation": "solid bends about a diagonal, strips along one direction",
         "ours": f"turning across over along: solid {share[0]:.2f}, strips {share[1]:.2f}",
@@ -182,7 +182,7 @@ def patterned_layer(config: Config):
 def toppling(config: Config):
     held, upright = _path(config, TABLE_41)
     free, fallen = _path(config, TABLE_41, upright=False)
-    at = [e["contraction"] for e in upright.evidence["events"] if e["kind"] == "toppling"]
+    at = [e["contraction"] for e in upright.evidence.get("events", ()) if e["kind"] == "toppling"]
     return {"held upright": held, "free to fall": free}, {
         "dissertation": "upright at g = 0.32 may be unstable; with noise it topples and is stable",
         "ours": (f"can topple from g = {at[0]:.2f} on" if at else "no toppling")
@@ -190,6 +190,11 @@ def toppling(config: Config):
         "agrees": bool(at),
         "why": "their design is not stated; Table 4.1 with Γ = 1 here",
     }
+
+
+def _value(label, name: str) -> float:
+    """A measure, NaN where the path had no state."""
+    return label.evidence.get(name, float("nan"))
 
 
 def _says(answer) -> str:
