@@ -70,7 +70,7 @@ def _path(config: Config, design, *, growth="uniaxial", effects="gravity,ground"
 def no_weight(config: Config):
     found = {g: _path(config, TABLE_41, growth=g, effects="none") for g in GROWTHS}
     angles = {g: _value(label, "fold_angle") for g, (_, label) in found.items()}
-    m2 = found["isotropic"][1].evidence["m2"]
+    m2 = _value(found["isotropic"][1], "m2")
     return {f"{g}, no weight": run for g, (run, _) in found.items()}, {
         "dissertation": "uniaxial about 3.0 rad at g = 0.3; isotropic folds too",
         "ours": (
@@ -156,8 +156,8 @@ def patterned_unit(config: Config):
     return paths, {
         "dissertation": "both fold alike",
         "ours": "; ".join(
-            f"Γ = {gamma:g}: solid {_says(a)} (m2 {a.evidence['m2']:.2f}), strips {_says(b)} "
-            f"(m2 {b.evidence['m2']:.2f})"
+            f"Γ = {gamma:g}: solid {_says(a)} (m2 {_value(a, 'm2'):.2f}), strips {_says(b)} "
+            f"(m2 {_value(b, 'm2'):.2f})"
             for gamma, a, b in said
         ),
         "agrees": any(a.foldable is True and b.foldable is True for _, a, b in said),
@@ -186,7 +186,7 @@ def toppling(config: Config):
     return {"held upright": held, "free to fall": free}, {
         "dissertation": "upright at g = 0.32 may be unstable; with noise it topples and is stable",
         "ours": (f"can topple from g = {at[0]:.2f} on" if at else "no toppling")
-        + f"; let go: {fallen.evidence['outcome']}, m1 {fallen.evidence['fold_angle']:.2f} rad",
+        + f"; let go: {fallen.evidence['outcome']}, m1 {_value(fallen, 'fold_angle'):.2f} rad",
         "agrees": bool(at),
         "why": "their design is not stated; Table 4.1 with Γ = 1 here",
     }
