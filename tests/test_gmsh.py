@@ -6,6 +6,8 @@ import numpy as np
 import pytest
 
 from solver.body import Body
+from solver.cases import folding_unit
+from solver.cases.unit_path import fold
 from solver.gmsh_import import load_gmsh, read
 from solver.gmsh_model import Model
 from solver.quality import quality
@@ -224,3 +226,27 @@ def test_a_missing_gmsh_says_what_to_install(monkeypatch):
     monkeypatch.setattr(builtins, "__import__", fails)
     with pytest.raises(ImportError, match=r"libGLU.so.1.*pip install 'foldlab\[gmsh\]'.*libglu1"):
         load_gmsh()
+
+
+@needs_gmsh
+def test_a_folding_unit_of_graded_tetrahedra_folds_like_that_of_hexahedra():
+    given = {
+        "E_ratio": 0.5, "rho_ratio": 1.0, "hinge_length": 0.3, "hinge_width": 0.6, "h_ratio": 1.0,
+        "stiffness_to_weight": 50.0, "aspect": 0.3, "slenderness": 0.03, "contraction": 0.1,
+    }  # fmt: skip
+    unit = folding_unit.Unit(**given)
+    turned = []
+    for options in ({"level": 1}, {"grading": 1.5, "element": "tet10"}):
+        model = folding_unit.build(unit, effects=(), **options)
+        layers = [model.body.weights[model.body.cells_of(k)].sum() for k in ("passive", "active")]
+        assert layers == pytest.approx([0.03 * (0.7 * 0.3 + 0.3 * 0.18) / 4, 0.03 * 0.3 * 0.18 / 4])
+        curve = fold(model).last.curves[0]
+        ends = np.diff(curve, axis=0)[[0, -1]]
+        turned.append(np.diff(np.arctan2(ends[:, 2], ends[:, 1])).item())
+    assert turned[1] == pytest.approx(turned[0], rel=0.03)
+    with pytest.raises(ValueError, match="give one of the whole unit"):
+        model.widened(("y",), np.zeros(model.scene.size), 0.0)
+    whole = folding_unit.build(unit, effects=(), grading=2.0, element="tet4", mirrors=())
+    assert whole.body.weights.sum() == pytest.approx(4 * sum(layers))
+    with pytest.raises(ValueError, match="hexahedra only"):
+        folding_unit.build(folding_unit.Unit(**given, strips=2), grading=2.0, element="tet4")

@@ -170,7 +170,7 @@ class Model:
         Its rows hold the rotations where the state has them. Raises ValueError for a mirror plane
         that this model doesn't have, and for a model on a mesh of one's own.
         """
-        if self.options["body"] is not None:
+        if self.options["body"] is not None or self.options["grading"] is not None:
             raise ValueError(
                 "the unit loses a symmetry, and the mesh that was given is only a part of it; "
                 "give one of the whole unit, with mirrors=()"
@@ -198,6 +198,7 @@ def build(
     mirrors: Sequence[str] = ("x", "y"),
     upright: bool = True,
     element: str = "hex27",
+    grading: float | None = None,
     curls: bool | None = None,
     stiffening: Callable[[float], float] | None = None,
     barrier: str = "surface",
@@ -210,13 +211,13 @@ def build(
     ``level``: fineness of the mesh, see :mod:`solver.cases.unit_mesh`. ``effects``: of ("gravity",
     "ground"); weight needs the ground. ``upright``: hold the unit against toppling (rows on its
     rotations) where mirror planes don't; otherwise all of its surface may touch the ground.
-    ``curls``: whether the mesh resolves curling across the hinge, by default where the growth makes
-    it curl; a state can go from one growth to another on the same mesh only.
-    ``stiffening``: factor on E_i as a function of e (§4.8.4). ``barrier``: "surface", or
-    "exponential" for the dissertation's (Eq. 4.5). ``body``: a mesh of one's own, with sub-domains
-    "passive" and "active". ``deadline``: ``time.monotonic()`` at
-    which any iteration is broken off. ``at`` gives the displacement (nodes, 3) about which rows
-    hold rotations.
+    ``grading``: size of Gmsh's tetrahedra over the local thickness (tet4 or tet10), instead of
+    structured elements. ``curls``: whether the mesh resolves curling across the hinge, by default
+    where the growth makes it curl. ``stiffening``: factor on E_i as a function of e (§4.8.4).
+    ``barrier``: "surface", or "exponential" for the dissertation's (Eq. 4.5). ``body``: a mesh of
+    one's own, with sub-domains "passive" and "active". ``deadline``: ``time.monotonic()`` at which
+    any iteration is broken off. ``at`` gives the displacement (nodes, 3) about which rows hold
+    rotations.
 
     Raises ValueError for names that are not there and what mesh and terms refuse.
     """
@@ -235,9 +236,11 @@ def build(
     mirrors = tuple(mirrors)
     options = {
         "level": level, "growth": growth, "effects": effects, "mirrors": mirrors,
-        "upright": upright, "element": element, "curls": curls, "stiffening": stiffening,
-        "barrier": barrier, "body": body, "deadline": deadline,
+        "upright": upright, "element": element, "grading": grading, "curls": curls,
+        "stiffening": stiffening, "barrier": barrier, "body": body, "deadline": deadline,
     }  # fmt: skip
+    if grading is not None and body is None:
+        body = unit_mesh.tetrahedra(unit, grading, mirrors=mirrors, element=element)
     if body is None:
         body = unit_mesh.mesh(
             unit, level, mirrors=mirrors, element=element, heavy=bool(effects),

@@ -94,6 +94,39 @@ def mesh(
     return Body.build(grid, element, bent=1 if element == "hex27" else None)
 
 
+def tetrahedra(unit, c: float, *, mirrors: tuple[str, ...], element: str = "tet10") -> Body:
+    """Body of Gmsh's tetrahedra of size c·h, h the local layer's thickness (§4.3.1).
+
+    Sub-domains as in :func:`mesh`. Raises ImportError where Gmsh can't be loaded, ValueError for a
+    hinge of strips, a c that is not positive and elements that are no tetrahedra.
+    """
+    from solver.gmsh_model import Model  # its wheel needs libraries that bare machines lack
+
+    if unit.strips:
+        raise ValueError("strips are meshed by hexahedra only; leave grading out")
+    if element not in ("tet4", "tet10"):
+        raise ValueError(f"element {element!r} with grading; expected 'tet4' or 'tet10'")
+    h, half, width, wide = unit.slenderness, unit.hinge_length / 2, unit.width / 2, unit.aspect / 2
+
+    with Model("unit") as model:
+
+        def block(x: float, low: float, high: float, z: float, up: float) -> int:
+            left = 0.0 if "x" in mirrors else -x
+            corners = [(left, low, z), (x, low, z), (x, high, z), (left, high, z)]
+            return model.extrude(model.polygon(corners), (0, 0, up)).volume
+
+        start = 0.0 if "y" in mirrors else -half
+        passive = [block(width, start, half, 0, h), block(wide, half, 0.5, 0, h)]
+        if "y" not in mirrors:
+            passive.append(block(wide, -0.5, -half, 0, h))
+        model.subdomain("passive", passive)
+        model.subdomain("active", [block(width, start, half, h, unit.active)])
+        model.glue()
+        sizes = {"passive": h, "active": unit.active}
+        grid = model.tetrahedra(c, sizes, order=2 if element == "tet10" else 1)
+    return Body.build(grid, element)
+
+
 def _panel(unit, level: Sizes, curls: bool, heavy: bool) -> float:
     """Longest element of a panel along y."""
     longest = 0.4
