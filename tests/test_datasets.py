@@ -5,6 +5,7 @@ import pandas as pd
 import pytest
 
 from foldlab import FULL, InputError, load_dataset
+from foldlab.compare import fit
 from foldlab.datasets import FOLDER, datasets
 from foldlab.foldability import Thresholds
 from foldlab.train import train_on
@@ -61,6 +62,18 @@ def test_a_model_trains_on_it_and_unknown_labels_are_counted(gravity):
     _, card = train_on(part, "tree", seed=0)
     assert card["unknown"] == part["foldable"].isna().sum()
     assert card["holdout_accuracy"] > max(0.7, part["foldable"].mean())
+
+
+def test_a_formula_learns_from_it_though_crushed_and_sagging_units_have_no_positive_angle(gravity):
+    crushed = gravity[gravity["outcome"] == "crushed"]
+    part = pd.concat([crushed, gravity[gravity["growth"] == "uniaxial"].head(300)])
+    assert part["normalised_angle"].isna().any() and (part["normalised_angle"] < 0).any()
+    part["threshold"] = np.pi
+    model = fit("symbolic", FULL, part, seed=0, seconds=2.0)
+    assert model.threshold == np.pi
+    known = part[part["foldable"].notna()]
+    right = model.predict(known[FULL.names]) == known["foldable"].astype(bool)
+    assert right.mean() > known["foldable"].astype(bool).mean()
 
 
 def test_an_unknown_name_is_told_what_there_is():
