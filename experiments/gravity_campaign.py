@@ -80,7 +80,8 @@ def run(config: Config, tracker) -> dict[str, Any]:
         "core_seconds_90": float(seconds.quantile(0.9)),
         "error_median": float(error.median()),
         "error_within": float((error <= config.accuracy).mean()),
-        "peak_memory_mb": float(frame["peak_memory_mb"].max()),
+        "peak_memory_mb_median": float(frame["peak_memory_mb"].median()),
+        "peak_memory_mb_most": float(frame["peak_memory_mb"].max()),
         "stable_or_reason": float(known.mean()),
         "folds": int((frame["foldable"] == True).sum()),  # noqa: E712
         "outcomes": dict(Counter(frame["outcome"])),

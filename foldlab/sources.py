@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import ctypes
 import resource
 import time
 from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
@@ -143,6 +145,7 @@ class SolverSource:
         groups = self.space.validate(pd.DataFrame([dict(design)]), bounds=False)
         groups = groups[self.space.names].iloc[0].to_dict()
         start, worked = time.monotonic(), time.process_time()
+        _forget_peak()
         deadline = start + self.timeout
         run, error, levels = self.run(groups, 0, deadline=deadline), None, 1
         for level in (1, 2):
@@ -269,7 +272,7 @@ class SolverSource:
             "levels": levels,
             "iterations": folding.iterations,
             "steps": len(folding.states),
-            "peak_memory_mb": resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024,
+            "peak_memory_mb": _peak_memory_mb(),
         }
         foldable, reason = None, f"unknown: {folding.detail}"
         if run.history:
@@ -356,6 +359,26 @@ def _error(coarse: Run, fine: Run, design: Mapping[str, float]) -> float:
         return SHARE * abs(turned[1] - turned[0]) / max(abs(turned[1]), 1e-9)
     scale = max(abs(rows[1]["m1"]), np.pi * design["contraction"])
     return SHARE * max(abs(rows[1][m] - rows[0][m]) for m in ("m1", "m2")) / scale
+
+
+def _forget_peak() -> None:
+    """Give back what earlier labels left, and let the peak of memory count from now on.
+
+    As far as the system can: elsewhere than on Linux the peak is that of the whole process.
+    """
+    with suppress(OSError, AttributeError, TypeError):
+        ctypes.CDLL(None).malloc_trim(0)
+    with suppress(OSError):
+        Path("/proc/self/clear_refs").write_text("5")
+
+
+def _peak_memory_mb() -> float:
+    """Most memory the process held since its peak was last forgotten, in MiB."""
+    with suppress(OSError, ValueError):
+        for line in Path("/proc/self/status").read_text().splitlines():
+            if line.startswith("VmHWM:"):
+                return int(line.split()[1]) / 1024
+    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
 
 
 # Of the 1000 points of a curve, those that a label keeps.

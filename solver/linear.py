@@ -10,8 +10,11 @@ definite systems, where a factorisation would not fit; they count nothing.
 from __future__ import annotations
 
 import ctypes
+import os
 import weakref
+from contextlib import suppress
 from functools import lru_cache
+from importlib.metadata import PackageNotFoundError, files
 
 import numpy as np
 import scipy.sparse as sp
@@ -86,6 +89,11 @@ def make_solver(
 
 @lru_cache(maxsize=1)
 def _mkl_pardiso():
+    # pypardiso looks for this library all through the environment, twice, unless told.
+    with suppress(PackageNotFoundError):
+        mine = [f for f in files("mkl") or () if f.name.startswith("libmkl_rt")]
+        if mine and mine[0].locate().exists():
+            os.environ.setdefault("PYPARDISO_MKL_RT", str(mine[0].locate()))
     try:
         from pypardiso.pardiso_wrapper import PyPardisoSolver
 
