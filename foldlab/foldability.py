@@ -24,6 +24,10 @@ from foldlab.errors import InputError
 
 TAGS = ("F1", "F2", "F3", "F4")
 
+# Distance of a panel from the plane where panels meet, over h_s, at which they touch: the barrier's
+# reach (solver.ground.Ground).
+TOUCHING = 0.1
+
 
 @dataclass(frozen=True)
 class Measures:
@@ -203,10 +207,14 @@ def verdict(
 def find_events(
     history: Sequence[Mapping[str, float]], contraction: float, thresholds: Thresholds
 ) -> list[dict]:
-    """Lift-off, curling and warping, each where it set in to stay, as {kind, contraction}."""
+    """Lift-off, contact, curling and warping, each where it set in to stay.
+
+    As {kind, contraction}.
+    """
     angle = contraction * thresholds.turning
     seen = {
         "lift-off": [h.get("tip", 0.0) > 0.5 for h in history],
+        "contact": [h.get("clearance", np.inf) < TOUCHING for h in history],
         "curling": [h["m2"] >= thresholds.across * angle for h in history],
         "warping": [
             max(abs(h["m3"] - 1), abs(h["m4"] - 1)) >= thresholds.parallel for h in history

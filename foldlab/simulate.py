@@ -38,7 +38,13 @@ FILES = ("result.json", "curves.npz", "shapes.png", "angle.png", "fold.gif")
 def simulate(
     settings: Sets = None,
     config: Config = None,
-    effects: Annotated[str, typer.Option(help="gravity,ground or none.")] = "gravity,ground",
+    effects: Annotated[
+        str,
+        typer.Option(
+            help="gravity,ground or none; with contact the panels stop at each other: "
+            "gravity,ground,contact or contact."
+        ),
+    ] = "gravity,ground",
     growth: Annotated[str, typer.Option(help="Contraction: uniaxial or isotropic.")] = "uniaxial",
     question: Annotated[
         str,
@@ -73,7 +79,7 @@ def simulate(
         accuracy=accuracy, effects=effects, growth=growth, question=question, upright=not free,
         timeout=timeout, barrier=barrier, strips=strips,
     )  # fmt: skip
-    design = complete(given, heavy=bool(source.terms))
+    design = complete(given, heavy=source.heavy)
     source.unit(design)
     if design["h_ratio"] * design["slenderness"] > design["hinge_length"]:
         _warn(
@@ -81,15 +87,15 @@ def simulate(
             f"the hinge only {design['hinge_length']:.3g} l_s long: this is no thin hinge, and the "
             "fold angle of its middle line says little"
         )
-    if not source.terms and "stiffness_to_weight" in given:
-        _warn("stiffness_to_weight acts on nothing with --effects none")
+    if not source.heavy and "stiffness_to_weight" in given:
+        _warn("stiffness_to_weight acts on nothing without gravity among the effects")
     try:
         out.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise InputError(f"can't write into --out {out} ({error}); give another folder") from None
     run, label = source.follow(design)
     result = summary(label, run, source)
-    for name in () if source.terms else WEIGHT:
+    for name in () if source.heavy else WEIGHT:
         result["design"][name] = None
     clear(out)
     write_json(out / "result.json", {**result, "label": asdict(label), "path": run.history})
@@ -241,7 +247,7 @@ def draw(out: Path, label: Label, run: Run, source: SolverSource, *, animate: bo
         load if released else None,
     )  # fmt: skip
     save_figure(figure, out / "angle.png")
-    ground = bool(source.terms)
+    ground = source.heavy
     titles = [
         _title(row["contraction"], e, ground) for row, e in zip(run.history, load, strict=True)
     ]

@@ -27,6 +27,9 @@ if TYPE_CHECKING:
     from solver.cases.unit_path import Folding, State
 
 
+EFFECTS = ("gravity,ground", "gravity,ground,contact", "contact", "none")
+
+
 @dataclass(frozen=True, eq=False)
 class Run:
     """One path of one design on one mesh.
@@ -63,17 +66,18 @@ class SolverSource:
 
     ``accuracy``: error that is asked for, of the fold angle and of the turning across the hinge,
     relative to the angle or to what counts as folded (|g|π), whichever is larger; meshes are
-    refined until two of them agree so well, at most to the third. ``effects``: "gravity,ground" or
-    "none". ``growth``: "uniaxial" or "isotropic". ``question``: "from_flat", or "exists": is there
-    a folded stable state, approached by uniaxial contraction and then released to isotropic?
-    ``upright``: whether the unit is held
+    refined until two of them agree so well, at most to the third. ``effects``: one of
+    :data:`EFFECTS`; "contact" is that of the panels with each other. ``growth``: "uniaxial" or
+    "isotropic". ``question``: "from_flat", or "exists": is there a folded stable state, approached
+    by uniaxial contraction and then released to isotropic? ``upright``: whether the unit is held
     against toppling. ``timeout``: seconds per label, after which it is unknown. ``seed``: follow
     noisy steps (§4.3.3) on the whole unit instead of testing symmetric ones. ``strips``: active
     strips side by side along the hinge that cover ``strip_share`` of its width (0: a solid layer).
     ``barrier``: the ground's, "surface" or the dissertation's "exponential" (Eq. 4.5).
 
-    Panels pass through each other, as in the dissertation; a path ends where the fold has made a
-    full turn, and where the hinge has curled through half a turn about the other axis.
+    Without "contact" panels pass through each other, as in the dissertation; a path ends where the
+    fold has made a full turn, and where the hinge has curled through half a turn about the other
+    axis.
     """
 
     name = "solver"
@@ -82,7 +86,7 @@ class SolverSource:
         self,
         space: DesignSpace = FULL,
         accuracy: float = 0.02,
-        effects: Literal["gravity,ground", "none"] = "gravity,ground",
+        effects: str = "gravity,ground",
         growth: Literal["uniaxial", "isotropic"] = "uniaxial",
         question: Literal["from_flat", "exists"] = "from_flat",
         upright: bool = True,
@@ -101,10 +105,10 @@ class SolverSource:
             raise InputError(
                 "question 'exists' is about isotropic contraction; set growth=isotropic"
             )
-        if effects not in ("none", "gravity,ground"):
+        if effects not in EFFECTS:
             raise InputError(
-                f"effects {effects!r}; expected 'none' or 'gravity,ground': weight and ground come "
-                "together"
+                f"effects {effects!r}; expected one of {', '.join(map(repr, EFFECTS))}: weight and "
+                "ground come together"
             )
         if barrier not in ("surface", "exponential"):
             raise InputError(f"barrier {barrier!r}; expected 'surface' or 'exponential'")
@@ -133,6 +137,11 @@ class SolverSource:
     def terms(self) -> tuple[str, ...]:
         """Effects as the solver takes them."""
         return () if self.effects == "none" else tuple(self.effects.split(","))
+
+    @property
+    def heavy(self) -> bool:
+        """Whether weight acts."""
+        return "gravity" in self.terms
 
     def label(self, design: Mapping[str, float]) -> Label:
         """Never raises for a design that can be validated; what fails is an unknown label."""
@@ -347,6 +356,8 @@ def _row(state: State, unit) -> dict[str, float]:
     if state.tip is not None:
         row["tip"] = state.tip / unit.slenderness
         row["lowest"] = state.lowest / unit.slenderness
+    if state.clearance is not None:
+        row["clearance"] = state.clearance / unit.slenderness
     return row
 
 

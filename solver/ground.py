@@ -1,4 +1,4 @@
-"""Ground: frictionless contact with the plane z = height, as a barrier.
+"""Ground: frictionless contact with a plane, z = height by default, as a barrier.
 
 The default acts on a surface, is scaled to the thickness of what lies on it, and vanishes beyond a
 short reach, so there is no force where there is no contact. The exponential form over the volume is
@@ -30,6 +30,9 @@ CENTRED = {
 class Ground:
     """Barrier κ r b(s/r) per reference area of a surface, s the height above a floor.
 
+    Heights are along ``axis``: 2 for a ground; of a body that a mirror plane halves, the normal of
+    that plane, so that its halves touch there.
+
     b(t) = −(t − 1)² ln t for t < 1 and 0 beyond (the incremental-potential-contact form, twice
     continuously differentiable). The floor, where the energy becomes infinite, lies ``depth``
     thicknesses below the ground, and the barrier ends ``reach`` thicknesses above it; r is their
@@ -53,6 +56,7 @@ class Ground:
         height: float = 0.0,
         depth: float = 0.1,
         reach: float = 0.1,
+        axis: int = 2,
         name: str = "ground",
     ):
         """Raises ValueError unless thickness, pressure, depth and reach are positive."""
@@ -62,6 +66,7 @@ class Ground:
                 raise ValueError(f"{key} = {value:g}; expected a positive {key} for the ground")
         self.name = name
         self.body, self.height, self.thickness = body, height, thickness
+        self.axis = axis
         self.depth = depth * thickness
         self._floor = height - self.depth
         self._range = (depth + reach) * thickness
@@ -92,13 +97,13 @@ class Ground:
 
     def gaps(self, u: np.ndarray) -> np.ndarray:
         """Height above the ground of each contact point, (points,); negative: penetration."""
-        return self._heights(self.body.nodes[:, 2] + u[:, 2]) - self.height
+        return self._heights(self.body.nodes[:, self.axis] + u[:, self.axis]) - self.height
 
     def longest_step(self, u: np.ndarray, du: np.ndarray) -> float:
         """Share of du (n, 3), at most 1, that brings no point nearer than a tenth of its distance
         to the floor."""
-        s = self._heights(self.body.nodes[:, 2] + u[:, 2]) - self._floor
-        ds = self._heights(du[:, 2])
+        s = self._heights(self.body.nodes[:, self.axis] + u[:, self.axis]) - self._floor
+        ds = self._heights(du[:, self.axis])
         down = ds < 0
         if not down.any():
             return 1.0
@@ -106,26 +111,28 @@ class Ground:
 
     def evaluate(self, u: np.ndarray, e: float, order: int = 2) -> Evaluation:
         """Energy, force (n, 3) and blocks; energy inf where a point is at the floor or below."""
-        t = (self._heights(self.body.nodes[:, 2] + u[:, 2]) - self._floor) / self._range
+        t = (
+            self._heights(self.body.nodes[:, self.axis] + u[:, self.axis]) - self._floor
+        ) / self._range
         if not (t > 0).all():
             return Evaluation(np.inf)
         b, first, second = _barrier(t)
         energy = float(self._kappa * self._range * (self._area @ b))
         if order < 1:
             return Evaluation(energy)
-        k = len(self._nodes)
+        k, axis = len(self._nodes), self.axis
         force = np.zeros_like(self.body.nodes)
         f = self._kappa * self._area * first
-        force[self._nodes, 2] = f[:k]
-        np.add.at(force[:, 2], self._centres, f[k:, None] * self._share)
+        force[self._nodes, axis] = f[:k]
+        np.add.at(force[:, axis], self._centres, f[k:, None] * self._share)
         if order < 2:
             return Evaluation(energy, force)
         blocks = np.zeros((self.graph.blocks, 3, 3))
         c = self._kappa / self._range * self._area * second
-        blocks[self._diagonal[self._nodes], 2, 2] = c[:k]
+        blocks[self._diagonal[self._nodes], axis, axis] = c[:k]
         if len(self._centres):
             part = c[k:, None, None] * np.outer(self._share, self._share)
-            np.add.at(blocks[:, 2, 2], self._where, part)
+            np.add.at(blocks[:, axis, axis], self._where, part)
         return Evaluation(energy, force, blocks)
 
 

@@ -27,7 +27,7 @@ from solver.materials import NeoHookean
 from solver.scene import Fixed, Row, Scene, Term, translation_row
 from solver.terms import Deadline, Elastic, Gravity
 
-EFFECTS = ("gravity", "ground")
+EFFECTS = ("gravity", "ground", "contact")
 GROWTHS = {
     # shares of the contraction along x, y, z as functions of e
     "uniaxial": (0.0, lambda e: e, 0.0),
@@ -102,7 +102,7 @@ class Model:
     """A unit on a mesh: the terms, and scenes of them under various supports.
 
     ``mirrors``: mirror planes, of ("x", "y"); ``scene``: the one whose path is followed. ``ground``
-    is None where there is none.
+    and ``contact``, of the panels with each other, are None where there is none.
     """
 
     unit: Unit
@@ -113,6 +113,7 @@ class Model:
     upright: bool
     scene: Scene = field(repr=False)
     ground: Ground | GroundExponential | None
+    contact: Ground | None
     options: dict = field(repr=False)  # what it was built with
 
     @property
@@ -164,6 +165,10 @@ class Model:
         """Heights of the sheet's underside above the ground, (points,), in l_s."""
         return self.ground.gaps(self.scene.displacement(x, e))
 
+    def clearance(self, x: np.ndarray, e: float) -> float:
+        """Least distance of a panel from the plane in which the panels touch, in l_s."""
+        return float(self.contact.gaps(self.scene.displacement(x, e)).min())
+
     def widened(self, mirrors: Sequence[str], x: np.ndarray, e: float) -> tuple[Model, np.ndarray]:
         """The model with fewer mirror planes, and the same state on it as its unknowns.
 
@@ -194,7 +199,7 @@ def build(
     level: int | unit_mesh.Sizes = 1,
     *,
     growth: str = "uniaxial",
-    effects: Sequence[str] = EFFECTS,
+    effects: Sequence[str] = ("gravity", "ground"),
     mirrors: Sequence[str] = ("x", "y"),
     upright: bool = True,
     element: str = "hex27",
@@ -209,7 +214,8 @@ def build(
     """Model of a unit.
 
     ``level``: fineness of the mesh, see :mod:`solver.cases.unit_mesh`. ``effects``: of ("gravity",
-    "ground"); weight needs the ground. ``upright``: hold the unit against toppling (rows on its
+    "ground", "contact"); weight needs the ground, and contact of the panels, in the mirror plane
+    between them, needs that plane. ``upright``: hold the unit against toppling (rows on its
     rotations) where mirror planes don't; otherwise all of its surface may touch the ground.
     ``grading``: size of Gmsh's tetrahedra over the local thickness (tet4 or tet10), instead of
     structured elements. ``curls``: whether the mesh resolves curling across the hinge, by default
@@ -231,6 +237,12 @@ def build(
             "weight and ground come together: without ground a weight falls, without weight "
             "nothing lies on the ground; give both effects or none"
         )
+    heavy = "gravity" in effects
+    if "contact" in effects and "y" not in mirrors:
+        raise ValueError(
+            "the panels' contact is known in the mirror plane between them, and this model is "
+            "without it; keep 'y' among the mirrors, or leave the effect 'contact' out"
+        )
     if barrier not in ("surface", "exponential"):
         raise ValueError(f"barrier {barrier!r}; expected 'surface' or 'exponential'")
     mirrors = tuple(mirrors)
@@ -243,7 +255,7 @@ def build(
         body = unit_mesh.tetrahedra(unit, grading, mirrors=mirrors, element=element)
     if body is None:
         body = unit_mesh.mesh(
-            unit, level, mirrors=mirrors, element=element, heavy=bool(effects),
+            unit, level, mirrors=mirrors, element=element, heavy=heavy,
             curls=growth != "uniaxial" if curls is None else curls,
         )  # fmt: skip
     active = body.cells_of("active")
@@ -255,8 +267,8 @@ def build(
     if stiffening is not None:
         E = lambda e: np.where(active, unit.E_ratio * stiffening(e), 1.0)  # noqa: E731
     terms: list[Term] = [Elastic(body, NeoHookean(E, unit.nu), Orthotropic(shares, cells=active))]
-    ground = None
-    if effects:
+    ground = contact = None
+    if heavy:
         density = np.where(active, unit.rho_ratio, 1.0)
         terms.append(Gravity(body, density, unit.weight))
         if barrier == "exponential":
@@ -269,13 +281,29 @@ def build(
             )
             ground = Ground(body, surface, thickness=unit.slenderness, pressure=hinge)
         terms.append(ground)
-    fixed, rows = _supports(unit, body, mirrors, bool(effects), upright, at)
+    if "contact" in effects:
+        contact = _contact(unit, body)
+        terms.append(contact)
+    fixed, rows = _supports(unit, body, mirrors, heavy, upright, at)
     scene = Scene(body, terms, fixed=fixed, rows=rows)
     if deadline is not None:
         # Scales are an evaluation too, and a model must come of it however late it is.
         terms.append(Deadline(deadline))
         scene = Scene(body, terms, fixed=fixed, rows=rows, scales=scene.scales)
-    return Model(unit, body, tuple(terms), growth, mirrors, upright, scene, ground, options)
+    return Model(
+        unit, body, tuple(terms), growth, mirrors, upright, scene, ground, contact, options
+    )
+
+
+def _contact(unit: Unit, body: Body) -> Ground:
+    """The panels' faces against the mirror plane between them: what touches is its own image."""
+    start, top = unit.hinge_length / 2 * (1 - 1e-9), unit.slenderness * (1 - 1e-9)
+    faces = body.surface(lambda X: (X[:, 1] > start) & (X[:, 2] > top))
+    # The hinge's moment, B κ with B = E_s h_s³/12, on the panels' ends.
+    pressure = unit.slenderness**2 * max(unit.curvature, 1.0) / 12
+    return Ground(
+        body, faces, thickness=unit.slenderness, pressure=pressure, axis=1, name="contact"
+    )
 
 
 def images(part: Body, whole: Body, axes: Sequence[int]) -> tuple[np.ndarray, np.ndarray]:

@@ -43,6 +43,10 @@ class Ending(Enum):
     TIMEOUT = "the time allowed was used up"
     TOO_LONG = "the steps allowed were used up"
     LOST = "no stable equilibrium was found beyond the last point"
+    APART = (
+        "the panels' contact is known in the mirror plane between them, and the unit lost that "
+        "symmetry"
+    )
     NO_REST = "the flat unit found no rest on the ground"
 
 
@@ -57,7 +61,10 @@ class Check:
 
 @dataclass(frozen=True, eq=False)
 class State:
-    """An accepted point: ``e``, curves (4, 1000, 3), checks, heights in l_s, energy."""
+    """An accepted point: ``e``, curves (4, 1000, 3), checks, heights in l_s, energy.
+
+    ``clearance``: of the panels from each other's mirror plane, None where they may not touch.
+    """
 
     e: float
     curves: np.ndarray = field(repr=False)
@@ -67,6 +74,7 @@ class State:
     energy: float | None
     iterations: int
     unknowns: int
+    clearance: float | None = None
 
     @property
     def unstable(self) -> int | None:
@@ -150,7 +158,9 @@ class Symmetries:
             for pick in qr(lever, pivoting=True)[2][: len(allowed)]:
                 node, k = candidates[pick]
                 fixed.append(Fixed(np.array([node]), np.eye(3)[k]))
-        return Scene(body, model.terms, fixed=fixed, scales=model.scene.scales)
+        # Where both panels move the same way, their distance stays.
+        terms = [t for t in model.terms if t is not model.contact or "y" in kept]
+        return Scene(body, terms, fixed=fixed, scales=model.scene.scales)
 
     def check(self, x: np.ndarray, e: float) -> list[Check]:
         """Counts in each hidden class at an equilibrium of the model."""
@@ -161,6 +171,8 @@ class Symmetries:
         blocks = model.scene.evaluate(u, e, 2).stiffness
         found = []
         for kept, scene in self._scenes.items():
+            if model.contact is not None:
+                blocks = scene.evaluate(u, e, 2).stiffness
             try:
                 factor = scene.system_of(blocks).factorise()
             except SingularMatrix:
@@ -227,6 +239,11 @@ def carried(model: Model, x: np.ndarray, e: float, **options) -> tuple[Model, np
         # Between this mesh's contact points the sheet may lie below the floor.
         low = other.ground.gaps(start).min() + 0.9 * other.ground.depth
         start[:, 2] += max(0.0, -low)
+    if other.contact is not None:
+        gaps = other.body.nodes[:, 1] + start[:, 1]
+        panels = other.body.nodes[:, 1] > other.unit.hinge_length / 2
+        low = panels & (gaps < -0.9 * other.contact.depth)
+        start[low, 1] -= gaps[low] + 0.9 * other.contact.depth
     return other, other.scene.unknowns(start)
 
 
@@ -278,8 +295,9 @@ def _state(model: Model, x, e, unstable, energy, iterations, checks) -> State:
         tip = float((model.body.nodes + u)[foot(model.body, (0.0, 0.5, 0.0)), 2].item())
     own = Check(model.mirrors, unstable, unstable)
     return State(
-        e, model.curves(x, e), (own, *checks), lowest, tip, energy, iterations, model.scene.size
-    )
+        e, model.curves(x, e), (own, *checks), lowest, tip, energy, iterations, model.scene.size,
+        None if model.contact is None else model.clearance(x, e),
+    )  # fmt: skip
 
 
 class _Walk:
@@ -317,6 +335,8 @@ class _Walk:
             return self._end(Ending.NO_REST, point.value, None)
         while True:
             point = self._accept(point)
+            if isinstance(point, Ending):
+                return self._end(point, point.value, self.last)
             if isinstance(point, Outcome):
                 return self._end(Ending.LOST, point.value, self.last)
             if self.stop is not None and self.stop(self.states[-1]):
@@ -341,7 +361,7 @@ class _Walk:
             time.monotonic() - self.begun, self.before,
         )  # fmt: skip
 
-    def _accept(self, point: Point) -> Point | Outcome:
+    def _accept(self, point: Point) -> Point | Outcome | Ending:
         """The point, or the one that the unit goes to where a symmetry is lost."""
         self.iterations += point.iterations
         for event in point.events:
@@ -356,6 +376,8 @@ class _Walk:
             # Of classes lost in the same step the one that keeps most.
             first = max(lost, key=lambda c: len(c.kept))
             kept = first.kept
+            if self.model.contact is not None and "y" not in kept:
+                return Ending.APART
             self.model, x = self.model.widened(kept, point.x, point.e)
             before = self.model.scene.displacement(x, point.e)
             self.symmetries = Symmetries(self.model)
