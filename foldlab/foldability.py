@@ -116,14 +116,29 @@ def lift_off_stiffness(design: Mapping[str, float], nu: float = 0.3) -> float:
     to 1/Γ. Flexible panels lift earlier at their tips' cost, so this is an estimate.
     """
     m, n, h = design["h_ratio"], design["E_ratio"], design["slenderness"]
-    length = (1 - design["hinge_length"]) / 2
     share = 6 * (1 + m) / (3 * (1 + m) ** 2 + (1 + m * n) * (m**2 + 1 / (m * n)))
     turning = share * design["contraction"] / h * design["hinge_length"] / 2
+    return float(_hinge_turning(design) / turning) if turning > 0 else np.inf
+
+
+def _hinge_turning(design: Mapping[str, float]) -> float:
+    """β Γ: by what the weight of a level panel turns its half of the hinge, times Γ, in rad."""
+    m, n = design["h_ratio"], design["E_ratio"]
+    length = (1 - design["hinge_length"]) / 2
     # Bilayer about its neutral axis, in units of E_s h_s³ per width.
     bending = (1 + m**3 * n) / 12 + m * n * (1 + m) ** 2 / (4 * (1 + m * n))
     # w = h_s · h_s²/Γ per width of panel; B = E_s h_s³ · bending per width of hinge.
-    beta = length**2 * design["hinge_length"] / (4 * bending * design["hinge_width"])
-    return float(beta / turning) if turning > 0 else np.inf
+    return length**2 * design["hinge_length"] / (4 * bending * design["hinge_width"])
+
+
+def weight_turning(design: Mapping[str, float]) -> float:
+    """What weight takes at most from m1, times Γ, in rad: both panels level, small deflections.
+
+    Each half of the hinge turns by β, and the end of each panel, a cantilever of bending stiffness
+    E_s h_s³/12 under its own weight, by w L_p³ / (6 B) = 2 L_p³/Γ.
+    """
+    length = (1 - design["hinge_length"]) / 2
+    return 2 * (_hinge_turning(design) + 2 * length**3)
 
 
 def verdict(

@@ -50,7 +50,15 @@ def simulate(
         str,
         typer.Option(help="from_flat, or exists: is there a folded stable state? (isotropic)"),
     ] = "from_flat",
-    accuracy: Annotated[float, typer.Option(help="Wanted relative error of the angle.")] = 0.02,
+    accuracy: Annotated[
+        float, typer.Option(help="Wanted relative error of the angle, such as 0.05, 0.02, 0.005.")
+    ] = 0.02,
+    why: Annotated[
+        bool, typer.Option("--why", help="What each effect contributed, and what to choose.")
+    ] = False,
+    ablation: Annotated[
+        bool, typer.Option("--ablate", help="With --why: solve again without each effect.")
+    ] = False,
     timeout: Annotated[float, typer.Option(help="Seconds after which to give up.")] = 60.0,
     free: Annotated[bool, typer.Option("--free", help="Let the unit topple.")] = False,
     strips: Annotated[
@@ -70,8 +78,11 @@ def simulate(
     contraction; rho_ratio and hinge_width are 1 if not given; stiffness_to_weight is needed where
     gravity acts.
     """
+    from foldlab.forecast import forecast
     from foldlab.sources import SolverSource
 
+    if ablation and not why:
+        raise InputError("--ablate belongs to --why; give both")
     if animate and no_pictures:
         raise InputError("--animate draws a picture and --no-pictures none; give one of them")
     given = numbers(read_settings(settings or (), config))
@@ -93,8 +104,14 @@ def simulate(
         out.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise InputError(f"can't write into --out {out} ({error}); give another folder") from None
-    run, label = source.follow(design)
+    expected = forecast(design, source)
+    _note(expected.sentence(accuracy) if expected else "expected: nothing known of such labels")
+    clock = {} if why else None
+    run, label = source.follow(design, clock)
     result = summary(label, run, source)
+    result["expected"] = None if expected is None else asdict(expected)
+    if why:
+        result["why"] = explain(label, run, source, clock, ablation)
     for name in () if source.heavy else WEIGHT:
         result["design"][name] = None
     clear(out)
@@ -109,6 +126,8 @@ def simulate(
         emit(result, True)
     else:
         emit(readable(result), False, rows(result))
+        if why:
+            _say_why(result["why"])
     if label.foldable is None:
         raise NotReached(f"{label.reason}; what there is is in {out}")
 
@@ -164,6 +183,32 @@ def summary(label: Label, run: Run, source: SolverSource) -> dict[str, Any]:
         "iterations": e["iterations"],
         "design": dict(label.design),
     }
+
+
+def explain(label, run, source, clock, ablation: bool) -> dict[str, Any]:
+    """What ``--why`` adds: shares of each effect, advice, and with ``ablation`` the answers without
+    them."""
+    from foldlab.why import ablate, advise, contributions
+
+    shares = contributions(run, clock, label.evidence["seconds"]) if run.history else []
+    without = ablate(label, source) if ablation else []
+    return {"effects": shares, "without": without, "advice": advise(label, run, source, without)}
+
+
+def _say_why(why: Mapping[str, Any]) -> None:
+    """The same for the eye."""
+    percent = lambda x: "–" if x is None else f"{100 * x:.3g} %"  # noqa: E731
+    print("\nwhat each effect contributed at the last state, and of the time")
+    for row in why["effects"]:
+        print(
+            f"  {row['effect']:<8} energy {percent(row['energy']):>8}   forces "
+            f"{percent(row['force']):>8}   time {percent(row['time']):>8}"
+        )
+    for row in why["without"]:
+        change = "no angle" if row["change"] is None else f"{row['change']:+.3g} rad"
+        print(f"  without {row['without']}: {change}, {row['outcome']}, {row['seconds']:.2g} s")
+    for sentence in why["advice"]:
+        print(f"- {sentence}")
 
 
 def rows(result: Mapping[str, Any]) -> list[dict]:
@@ -290,6 +335,10 @@ def _title(contraction: float, load: float, heavy: bool) -> str:
         how = "to isotropic" if load == 2 else f"by {100 * (load - 1):.3g} %"
         return f"{100 * contraction:.3g} %, released {how}"
     return f"{100 * contraction:.3g} % contraction"
+
+
+def _note(text: str) -> None:
+    err.print(text, markup=False, highlight=False)
 
 
 def _warn(text: str) -> None:

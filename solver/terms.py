@@ -194,6 +194,24 @@ class Traction:
         return Evaluation(-float((loads * u).sum()), -loads if order >= 1 else None)
 
 
+class Timed:
+    """A term that keeps the time it takes, in ``clock[name]``: evaluations and seconds."""
+
+    def __init__(self, term, clock: dict[str, list[float]]):
+        self._term, self._spent = term, clock.setdefault(term.name, [0, 0.0])
+
+    def __getattr__(self, name):
+        return getattr(self._term, name)
+
+    def evaluate(self, u: np.ndarray, e: float, order: int = 2) -> Evaluation:
+        """The term's own."""
+        start = time.perf_counter()
+        found = self._term.evaluate(u, e, order)
+        self._spent[0] += 1
+        self._spent[1] += time.perf_counter() - start
+        return found
+
+
 class OutOfTime(Exception):
     """The deadline of a path has passed."""
 

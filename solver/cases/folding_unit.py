@@ -25,7 +25,7 @@ from solver.ground import Ground, GroundExponential
 from solver.growth import Orthotropic
 from solver.materials import NeoHookean
 from solver.scene import Fixed, Row, Scene, Term, translation_row
-from solver.terms import Deadline, Elastic, Gravity
+from solver.terms import Deadline, Elastic, Gravity, Timed
 
 EFFECTS = ("gravity", "ground", "contact")
 GROWTHS = {
@@ -209,6 +209,7 @@ def build(
     barrier: str = "surface",
     body: Body | None = None,
     deadline: float | None = None,
+    clock: dict[str, list[float]] | None = None,
     at: Callable[[Body], np.ndarray] | None = None,
 ) -> Model:
     """Model of a unit.
@@ -222,8 +223,8 @@ def build(
     where the growth makes it curl. ``stiffening``: factor on E_i as a function of e (§4.8.4).
     ``barrier``: "surface", or "exponential" for the dissertation's (Eq. 4.5). ``body``: a mesh of
     one's own, with sub-domains "passive" and "active". ``deadline``: ``time.monotonic()`` at which
-    any iteration is broken off. ``at`` gives the displacement (nodes, 3) about which rows hold
-    rotations.
+    any iteration is broken off. ``clock`` keeps each term's evaluations and seconds. ``at`` gives
+    the displacement (nodes, 3) about which rows hold rotations.
 
     Raises ValueError for names that are not there and what mesh and terms refuse.
     """
@@ -250,6 +251,7 @@ def build(
         "level": level, "growth": growth, "effects": effects, "mirrors": mirrors,
         "upright": upright, "element": element, "grading": grading, "curls": curls,
         "stiffening": stiffening, "barrier": barrier, "body": body, "deadline": deadline,
+        "clock": clock,
     }  # fmt: skip
     if grading is not None and body is None:
         body = unit_mesh.tetrahedra(unit, grading, mirrors=mirrors, element=element)
@@ -284,6 +286,8 @@ def build(
     if "contact" in effects:
         contact = _contact(unit, body)
         terms.append(contact)
+    if clock is not None:
+        terms = [Timed(t, clock) for t in terms]
     fixed, rows = _supports(unit, body, mirrors, heavy, upright, at)
     scene = Scene(body, terms, fixed=fixed, rows=rows)
     if deadline is not None:

@@ -44,8 +44,11 @@ def write_path(path: str | Path, shapes: Sequence[Shape]) -> list[float]:
             model = shape.model
             whole = model
             near, signs = slice(None), 1.0
-            if model.mirrors:
-                whole = build(model.unit, **{**model.options, "mirrors": (), "deadline": None})
+            if model.mirrors or model.options["clock"] is not None:
+                # Without what needs a mirror plane, a limit or a watch: the fields are the same.
+                options = {**model.options, "mirrors": (), "deadline": None, "clock": None}
+                options["effects"] = [t for t in options["effects"] if t != "contact"]
+                whole = build(model.unit, **options)
                 axes = ["xy".index(name) for name in model.mirrors]
                 near, signs = images(model.body, whole.body, axes)
             series = Series(path, whole.body, resume=series is not None)

@@ -159,7 +159,7 @@ class Symmetries:
                 node, k = candidates[pick]
                 fixed.append(Fixed(np.array([node]), np.eye(3)[k]))
         # Where both panels move the same way, their distance stays.
-        terms = [t for t in model.terms if t is not model.contact or "y" in kept]
+        terms = [t for t in model.terms if t.name != "contact" or "y" in kept]
         return Scene(body, terms, fixed=fixed, scales=model.scene.scales)
 
     def check(self, x: np.ndarray, e: float) -> list[Check]:
