@@ -105,9 +105,9 @@ def advise(
     else:
         gamma = weight_turning(d) / scale / source.accuracy
         says.append(
-            f"weight was left out: it may change the angle by more than {100 * source.accuracy:g} % "
-            f"where Γ < {gamma:.2g}, and keeps rigid panels down where Γ < {least:.2g}; there add "
-            "--effects gravity,ground"
+            f"weight was left out: it may change the angle by more than "
+            f"{100 * source.accuracy:g} % where Γ < {gamma:.2g}, and keeps rigid panels down "
+            f"where Γ < {least:.2g}; there add --effects gravity,ground"
         )
     ends = run.folding.last.curves[0][[0, -1]]
     if "contact" not in source.terms and "y" in run.folding.model.mirrors:

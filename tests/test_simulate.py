@@ -41,8 +41,11 @@ def simulate(tmp_path, monkeypatch, capsys):
 def test_problem_p_in_numbers_files_and_pictures(simulate, tmp_path):
     line = f"{sets(**GROUPS)} --effects none --growth uniaxial --accuracy 0.05 -o p --json"
     status, out, err = simulate(line)
-    assert (status, err, out.count("\n")) == (0, "", 1)
+    assert (status, err.count("\n"), out.count("\n")) == (0, 1, 1)
     found = json.loads(out)
+    told = found["expected"]
+    assert err.startswith("expected: ") and f"{told['memory_mb']:.0f} MB" in err
+    assert 0 < told["low"] <= told["seconds"] <= told["high"] < 60
     assert found["fold_angle"] == pytest.approx(PROBLEM_P, rel=0.01)
     assert found["measures"]["m1"] == found["fold_angle"]
     assert set(found["tags"].values()) == {True} and found["foldable"] and found["stable"]

@@ -1,0 +1,157 @@
+"""Is the stated error of a label an error bound, and the forecast of its seconds a forecast?
+
+Random designs are labelled at each accuracy; their last states are found again on a mesh two levels
+finer, and what the fold angle moves by counts as the true error. Paths that ended at a full turn
+are compared at the state before it, as their error is stated.
+"""
+
+from __future__ import annotations
+
+import sys
+import time
+from dataclasses import dataclass
+from typing import Any
+
+import matplotlib as mpl
+import numpy as np
+import pandas as pd
+from matplotlib.figure import Figure
+from scipy.stats import binomtest
+
+from experiments.common import main, save_figure
+from experiments.gravity_campaign import SHEETS
+from foldlab import foldability
+from foldlab.design import FULL
+from foldlab.forecast import forecast
+from foldlab.plots import STYLE
+from foldlab.sources import SolverSource
+from solver.cases import unit_path
+from solver.cases.unit_mesh import LEVELS, Sizes
+
+# One finer than the finest of :data:`LEVELS`.
+FINEST = Sizes(0.03125, 2, 0.18, 0.0625, 0.35, 4)
+
+
+@dataclass(frozen=True)
+class Config:
+    seed: int = 0
+    designs: int = 50
+    accuracies: tuple[float, ...] = (0.05, 0.02)
+    fine_accuracy: float = 0.005
+    fine_designs: int = 12
+    effects: str = "gravity,ground"
+    timeout: float = 60.0
+    reference_timeout: float = 240.0
+
+
+TINY = Config(designs=1, accuracies=(0.2,), fine_designs=0, timeout=20.0)
+
+
+def run(config: Config, tracker) -> dict[str, Any]:
+    designs = SHEETS.sample(config.designs, seed=4242 + config.seed)
+    plan = [(a, config.designs) for a in config.accuracies]
+    plan += [(config.fine_accuracy, config.fine_designs)] if config.fine_designs else []
+    rows = []
+    for accuracy, count in plan:
+        source = SolverSource(accuracy=accuracy, timeout=config.timeout, effects=config.effects)
+        for k in range(count):
+            design = designs.iloc[k][FULL.names].astype(float).to_dict()
+            row = {"accuracy": accuracy, "design": k, **one(source, design, config)}
+            rows.append(row)
+            print(row, file=sys.stderr, flush=True)
+    frame = pd.DataFrame(rows)
+    tracker.table("designs", frame)
+    figure = picture(frame)
+    save_figure(figure, "accuracy_calibration")
+    tracker.figure("accuracy_calibration", figure)
+    return {
+        "designs": config.designs,
+        "table": [verdict(*group) for group in frame.groupby("accuracy")],
+    }
+
+
+def one(source: SolverSource, design, config: Config) -> dict[str, Any]:
+    """Stated and true error of a label, foreseen and measured seconds and memory."""
+    expected = forecast(design, source)
+    path, label = source.follow(design)
+    e = label.evidence
+    row = {
+        "outcome": e["outcome"], "levels": e["levels"], "unknowns": e["unknowns"],
+        "seconds": e["core_seconds"], "expected_seconds": expected.seconds,
+        "memory_mb": e["peak_memory_mb"], "expected_memory_mb": expected.memory_mb,
+        "stated": e.get("error_estimate"), "true": None,
+    }  # fmt: skip
+    if label.foldable is None or row["stated"] is None or not path.history:
+        return row
+    closed = path.closed
+    level = (0 if closed else e["levels"] - 1) + 2
+    mesh = level if level < len(LEVELS) else FINEST
+    finer = unit_path.refined(
+        path.folding, mesh, earlier=closed, deadline=time.monotonic() + config.reference_timeout
+    )
+    if finer is None:
+        return row
+    m1 = foldability.measure(finer.last.curves, design["hinge_length"]).m1
+    have = path.history[-2 if closed else -1]
+    row["true"] = abs(m1 - have["m1"]) / max(abs(m1), np.pi * have["contraction"], 1e-9)
+    return row
+
+
+def verdict(accuracy: float, frame: pd.DataFrame) -> dict[str, Any]:
+    """Shares with their 95 % Wilson intervals."""
+    known = frame[frame["true"].notna()]
+    below = int((known["true"] <= known["stated"]).sum())
+    labelled = frame[frame["outcome"] != "timeout"]
+    ratio = labelled["seconds"] / labelled["expected_seconds"]
+    within = int(np.abs(np.log(ratio)).le(np.log(2)).sum())
+    memory = labelled["memory_mb"] / labelled["expected_memory_mb"]
+    return {
+        "accuracy": accuracy,
+        "labels": len(frame),
+        "with_reference": len(known),
+        "true_below_stated": below / max(len(known), 1),
+        "interval": interval(below, len(known)),
+        "median_stated": float(known["stated"].median()),
+        "median_true": float(known["true"].median()),
+        "seconds_within_2": within / max(len(labelled), 1),
+        "seconds_interval": interval(within, len(labelled)),
+        "median_seconds": float(labelled["seconds"].median()),
+        "median_seconds_over_expected": float(ratio.median()),
+        "memory_within_20_percent": float((np.abs(memory - 1) < 0.2).mean()),
+    }
+
+
+def interval(hits: int, of: int) -> list[float] | None:
+    """Wilson's 95 % interval of a share."""
+    if not of:
+        return None
+    found = binomtest(hits, of).proportion_ci(method="wilson")
+    return [round(float(found.low), 3), round(float(found.high), 3)]
+
+
+def picture(frame: pd.DataFrame) -> Figure:
+    """Stated against true error, foreseen against measured seconds."""
+    with mpl.rc_context(STYLE):
+        figure = Figure(figsize=(7, 3), layout="constrained")
+        errors, seconds = figure.subplots(1, 2)
+        for colour, (accuracy, part) in zip(
+            ("#B8BEC6", "#6C8EBF", "#0B3C9C"), frame.groupby("accuracy"), strict=False
+        ):
+            style = {"ms": 4, "color": colour, "label": f"{100 * accuracy:g} % asked for"}
+            known = part[part["true"].notna()]
+            errors.loglog(known["stated"], known["true"].clip(lower=1e-6), "o", **style)
+            seconds.loglog(part["expected_seconds"], part["seconds"], "o", **style)
+        for ax, band in ((errors, 1.0), (seconds, 2.0)):
+            low = min(ax.get_xlim()[0], ax.get_ylim()[0])
+            line = np.array([low, max(ax.get_xlim()[1], ax.get_ylim()[1])])
+            ax.plot(line, line, color="#333333", lw=0.8)
+            if band > 1:
+                ax.fill_between(line, line / band, line * band, color="#333333", alpha=0.1, lw=0)
+        errors.set(xlabel="stated error of the fold angle", ylabel="true error (finer mesh)")
+        seconds.set(xlabel="forecast, core-seconds", ylabel="measured, core-seconds")
+        errors.legend(fontsize=6, frameon=False)
+    return figure
+
+
+if __name__ == "__main__":
+    main(__doc__, run, Config, TINY)
