@@ -68,7 +68,7 @@ def forecast(design: Mapping[str, float], source) -> Forecast | None:
     seconds = near["core_seconds"].to_numpy(float)
     unknowns = near["unknowns"].to_numpy(float)
     levels = near["levels"].to_numpy(int)
-    if source.finest > 2:
+    if source.plan.finest > 2:
         second = unknowns / np.where(levels > 2, FINER[2], 1.0)
         more = np.where(levels > 2, 0.0, FINER[2] * second) + FINER[3] * second
         seconds = seconds + more * SECONDS_PER_1000 / 1000

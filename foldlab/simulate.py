@@ -109,6 +109,7 @@ def simulate(
     clock = {} if why else None
     run, label = source.follow(design, clock)
     result = summary(label, run, source)
+    result["plan"] = asdict(source.plan)
     result["expected"] = None if expected is None else asdict(expected)
     if why:
         result["why"] = explain(label, run, source, clock, ablation)

@@ -105,7 +105,8 @@ def descend(
         correction = size(dx)
         if not np.isfinite(correction):
             return result(Outcome.SINGULAR)
-        if correction <= rtol:
+        longest = scene.longest_step(here, dx, e)
+        if correction <= rtol and (shift > 0 or longest >= 1.0):
             if shift == 0:
                 return result(Outcome.CONVERGED, here + dx)
             if system.unstable == 0:
@@ -116,7 +117,7 @@ def descend(
             except SingularMatrix:
                 return result(Outcome.SINGULAR)
             continue
-        share = min(scene.longest_step(here, dx, e), reach / correction, 1.0)
+        share = min(longest, reach / correction, 1.0)
         step = downhill(scene, system, here, e, dx, share)
         if not isinstance(step, Step):
             if shift == 0 and correction <= 1e3 * rtol:

@@ -118,11 +118,12 @@ def newton(
         correction = size(dx)
         if not np.isfinite(correction):
             return NewtonResult(x, e, Outcome.SINGULAR, k, np.inf, ratio, system)
-        if correction <= rtol:
+        share = scene.longest_step(x, dx, e)
+        # A barrier may be thinner than the tolerance: what oversteps it is no solution.
+        if correction <= rtol and share >= 1.0:
             return NewtonResult(x + dx, e, Outcome.CONVERGED, k, correction, ratio, system)
         if watch.stuck(correction):
             return NewtonResult(x, e, Outcome.STAGNATED, k, correction, ratio, system)
-        share = scene.longest_step(x, dx, e)
         step = None
         # Without a count the slope alone says whether the step goes downhill.
         count = system.unstable

@@ -5,10 +5,15 @@ import pytest
 from path_toys import carousel, function_scene, truss
 
 from solver.arc import Bordered
+from solver.body import Body
 from solver.descent import descend
+from solver.ground import Ground
 from solver.linear import make_solver
+from solver.materials import NeoHookean
+from solver.meshes import box
 from solver.newton import Outcome, newton
-from solver.scene import Evaluation
+from solver.scene import Evaluation, Fixed, Scene
+from solver.terms import Elastic, Gravity
 
 # -- Newton -----------------------------------------------------------------------------------
 
@@ -143,3 +148,20 @@ def test_bordering_is_accurate_for_singular_stiffness(symmetric, smallest):
     full = np.block([[K, c[:, None]], [row[None, :]]])
     assert np.abs(full @ z - b).max() < 1e-11 * np.abs(z).max()
     assert np.abs(z - np.linalg.solve(full, b)).max() < 1e-9 * np.abs(z).max()
+
+
+def test_no_result_lies_beyond_a_barrier_thinner_than_the_tolerance():
+    # A heavy block on a ground whose floor is 1e-4 of its size below: with a tolerance of 1e-2 the
+    # last correction alone could pass through it.
+    body = Body.build(box([0, 1], [0, 1], np.linspace(0, 1, 3)), "hex27")
+    bottom = body.surface(lambda X: X[:, 2] < 1e-9)
+    ground = Ground(body, bottom, thickness=1e-3, pressure=0.01)
+    fixed = [Fixed(np.flatnonzero(body.nodes[:, k] < 1e-9), np.eye(3)[k]) for k in (0, 1)]
+    scene = Scene(
+        body, [Elastic(body, NeoHookean(1.0, 0.3)), Gravity(body, 1.0, 0.1), ground], fixed=fixed
+    )
+    for solver in (newton, descend):
+        for rtol in (1e-1, 1e-2, 1e-3):
+            found = solver(scene, np.zeros(scene.size), 0.0, rtol=rtol)
+            assert found.converged, found.outcome
+            assert np.isfinite(scene.energy(found.x, 0.0)), (solver, rtol)
