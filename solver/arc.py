@@ -213,11 +213,11 @@ def correct(
         correction = size(dz)
         if not np.isfinite(correction):
             return Corrected(z, Outcome.SINGULAR, k, ratio, system)
-        if correction <= rtol:
+        share = scene.longest_step(x, dz[:-1], e)
+        if correction <= rtol and share >= 1.0:
             return Corrected(z + dz, Outcome.CONVERGED, k, ratio, system)
         if watch.stuck(correction):
             return Corrected(z, Outcome.STAGNATED, k, ratio, system)
-        share = scene.longest_step(x, dz[:-1], e)
         step = damped(residual, solve, z, dz, norm, share)
         if isinstance(step, Outcome):
             return Corrected(z, step, k, ratio, system)
