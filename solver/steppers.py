@@ -30,7 +30,7 @@ from solver.scene import Scene
 
 @dataclass(frozen=True)
 class Noise:
-    """Seeded noise on the guess of every load step (§4.3.3), so that unstable states are left.
+    """Seeded noise on the guess of every step (§4.3.3), so that unstable states are left.
 
     ``amplitude``: largest noise over the largest displacement of the guess; the dissertation takes
     1e-3 … 1e-2. The field is the body's answer to random forces: independent noise on each node
@@ -201,7 +201,8 @@ class ArcLength:
     those; below, the path stops. ``order``: of the best predictor (see ``LoadSteps``).
     ``forward``: least cosine between a step and the sum of the tangents at its ends; with a smaller
     one it doubles back, cuts a corner or ends on another path. ``easy``: iterations per step to aim
-    at.
+    at. ``noise``: on each guess; a step that would end in an unstable state is a noisy load step
+    instead, which goes down to a stable one.
 
     Guesses (2.74): load forward with the displacement kept, extrapolation through the last two
     points, and the polynomials with tangents; the smallest residual wins. Keeping everything is not
@@ -220,6 +221,7 @@ class ArcLength:
     forward: float = 0.9
     easy: int = 4
     max_iterations: int = 12
+    noise: Noise | None = None
 
     def __post_init__(self):
         _positive(self, "rtol", "a", "b", "smallest", "largest", "easy")
@@ -242,17 +244,26 @@ class ArcLength:
     def advance(self, scene: Scene, point: Point, target: float | None = None) -> Point | Outcome:
         """The next point; it may pass the target."""
         a, b = point.control if len(point.control) == 2 else (self.a, self.b)
-        spent = 0
+        noisy, field, spent = scene, None, 0
+        if self.noise is not None:
+            noisy, field = self.noise.draw(scene, point)
         while max(a / self.a, b / self.b) >= self.smallest:
             metric = point.metric.sized(a, b)
-            guess = self._guess(scene, point, metric, biased=spent == 0)
+            guess = self._guess(noisy, point, metric, biased=spent == 0)
+            if field is not None:
+                size = self.noise.amplitude * largest(guess[: scene.n_free])
+                guess[:-1] += noisy.longest_step(guess[:-1], size * field, guess[-1]) * size * field
             found = correct(
-                scene, guess, Ellipsoid(point.z, metric),
+                noisy, guess, Ellipsoid(point.z, metric),
                 rtol=self.rtol, load_size=self.b, max_iterations=self.max_iterations,
             )  # fmt: skip
             spent += found.iterations
             if found.converged:
-                made = self._point(scene, point, found, metric, spent)
+                if field is not None and found.system.unstable and found.system.energy is not None:
+                    # The corrector takes any noise back, so an unstable path is left downhill.
+                    steps = LoadSteps(self.rtol, metric.b, noise=self.noise)
+                    return steps.advance(scene, point, None)
+                made = self._point(noisy, point, found, metric, spent)
                 if made is not None:
                     return made
             a, b = a / np.sqrt(10), b / np.sqrt(10)  # (2.76)

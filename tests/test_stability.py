@@ -1,6 +1,7 @@
 """Branch points, stable paths and seeded noise, on scenes with known answers (path_toys)."""
 
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import pytest
@@ -193,11 +194,14 @@ def test_where_one_side_falls_for_ever_the_other_one_is_tried(side):
     assert path.last.x[0] < -1
 
 
-def test_seeded_noise_leaves_unstable_states_and_can_be_repeated():
+@pytest.mark.parametrize(
+    "stepper", [partial(LoadSteps, 1e-11, 0.1), partial(ArcLength, 1e-11, 0.1, 0.1)]
+)
+def test_seeded_noise_leaves_unstable_states_and_can_be_repeated(stepper):
     scene = column(1.0)
 
     def run(seed, amplitude=1e-2):
-        steps = LoadSteps(1e-11, 0.1, noise=Noise(amplitude, seed))
+        steps = stepper(noise=Noise(amplitude, seed))
         return trace(scene, rest(scene), steps, until=load(1.4), max_steps=60)
 
     first, again = run(3), run(3)
@@ -207,6 +211,21 @@ def test_seeded_noise_leaves_unstable_states_and_can_be_repeated():
     assert abs(t) / np.sin(abs(t)) == pytest.approx(1.4, abs=1e-9)
     assert first.last.unstable == 0
     assert {np.sign(run(seed).last.x[0]) for seed in range(8)} == {-1.0, 1.0}
+    # Without noise both stay on the straight column.
+    still = trace(scene, rest(scene), stepper(), until=load(1.4), max_steps=60, events=False)
+    assert still.last.unstable == 1 and abs(still.last.x[0]) < 1e-6
+
+
+def test_arc_length_with_noise_snaps_where_the_arc_alone_turns_back():
+    scene, top = truss(), 2e-4
+    arc = ArcLength(1e-10, 0.02, 2e-5)
+    back = trace(scene, rest(scene), arc, until=load(top), max_steps=400, events=False)
+    assert min(p.e for p in back.points) < 0 and min(p.unstable for p in back.points) == 0
+    noisy = replace(arc, noise=Noise(1e-3, 1))
+    snapped = trace(scene, rest(scene), noisy, until=load(top), max_steps=400, events=False)
+    assert snapped.reached and all(p.unstable == 0 for p in snapped.points)
+    assert all(q.e > p.e for p, q in zip(snapped.points, snapped.points[1:], strict=False))
+    assert snapped.last.x[0] == pytest.approx(back.last.x[0], abs=1e-6)
 
 
 def test_noise_may_draw_the_scene_too():
