@@ -107,6 +107,7 @@ def check_series(path, curves):
         (f"{sets(**HEAVY)} --barrier soft", "barrier 'soft'; expected"),
         (f"{sets(**HEAVY)} --accuracy 0", "accuracy = 0.0; expected"),
         (f"{sets(**HEAVY)} --animate --no-pictures", "--animate draws a picture"),
+        (f"{sets(**HEAVY)} --ablate", "--ablate belongs to --why"),
         (f"{sets(**HEAVY)} -o taken/deeper", "can't write into --out taken/deeper"),
     ],
 )
@@ -140,7 +141,7 @@ def test_weight_is_in_the_summary_and_in_the_film(simulate, tmp_path):
     more = {n: v for n, v in HEAVY.items() if n not in ("E_ratio", "rho_ratio", "contraction")}
     line = f"--config c.toml {sets(**more)} --accuracy 0.1 --animate -o g"
     status, out, err = simulate(line)
-    assert (status, err) == (0, "")
+    assert (status, err.count("\n")) == (0, 1) and err.startswith("expected: ")
     assert "m1 turning along the sheet" in out and "events: lift-off at" in out
     assert "effects: elastic, gravity, ground" in out and "g/fold.gif" in out
     found = json.loads((tmp_path / "g" / "result.json").read_text())
@@ -156,7 +157,7 @@ def test_where_nothing_renders_the_unit_is_drawn_from_the_side(simulate, tmp_pat
     groups = sets(**{**GROUPS, "contraction": 0.05})
     status, out, err = simulate(f"{groups} --effects none --accuracy 0.1 --animate -o s --json")
     assert status == 0
-    assert err.count("\n") == 1 and "VTK can't render here: shapes.png shows the unit from" in err
+    assert err.count("\n") == 2 and "VTK can't render here: shapes.png shows the unit from" in err
     names = [path.split("/")[-1] for path in json.loads(out)["files"]]
     assert names == ["result.json", "curves.npz", "unit.pvd", "shapes.png", "angle.png"]
     with Image.open(tmp_path / "s" / "shapes.png") as image:
@@ -192,3 +193,18 @@ def test_a_unit_that_is_free_topples():
     ends = free.shapes[-1].state.curves[0, [0, -1], 2]
     assert abs(ends[0] - ends[1]) > 0.02
     assert free.history[-1]["m1"] == pytest.approx(held.history[-1]["m1"], rel=0.01)
+
+
+def test_why_is_told_to_the_eye_and_in_json(simulate, tmp_path):
+    line = f"{sets(**HEAVY)} --accuracy 0.1 --no-pictures --why --ablate -o w"
+    status, out, _ = simulate(line)
+    assert status == 0
+    assert "what each effect contributed" in out and "without gravity,ground: " in out
+    kept = json.loads((tmp_path / "w" / "result.json").read_text())["why"]
+    assert [row["effect"] for row in kept["effects"]] == ["elastic", "gravity", "ground", "solving"]
+    (bare,) = kept["without"]
+    status, out, _ = simulate(f"{sets(**HEAVY)} --accuracy 0.1 --no-pictures --effects none --json")
+    alone = json.loads(out)
+    assert alone["fold_angle"] == pytest.approx(bare["fold_angle"], rel=1e-9)
+    assert "why" not in alone and alone["plan"]["element"] == "hex27"
+    assert all(sentence in simulate(line)[1] for sentence in kept["advice"][:1])
