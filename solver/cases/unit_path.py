@@ -276,10 +276,30 @@ def _state(model: Model, x, e, unstable, energy, iterations, checks) -> State:
         lowest = float(model.gaps(x, e).min())
         u = model.scene.displacement(x, e)
         tip = float((model.body.nodes + u)[foot(model.body, (0.0, 0.5, 0.0)), 2].item())
-    own = Check(model.mirrors, unstable, unstable)
+    own = _own(model, x, e, unstable)
     return State(
         e, model.curves(x, e), (own, *checks), lowest, tip, energy, iterations, model.scene.size
     )
+
+
+def _own(model: Model, x: np.ndarray, e: float, unstable: int | None) -> Check:
+    """Counts in the model's own class, as :meth:`Symmetries.check` gives them for the others.
+
+    The block of the bordered inverse at the rows of the rotations is −(C K⁻¹ Cᵀ)⁻¹.
+    """
+    names = [row.name for row in model.scene.rows]
+    rows = [k for k, name in enumerate(names) if name in ("rotation x", "rotation y")]
+    if not (rows and model.heavy) or unstable is None:
+        return Check(model.mirrors, unstable, unstable)
+    at = model.scene.n_free + np.array(rows)
+    unit = np.zeros((model.scene.size, len(rows)))
+    unit[at, np.arange(len(rows))] = 1.0
+    try:
+        block = model.scene.system(x, e).factorise().solve(unit)[at]
+    except SingularMatrix:
+        return Check(model.mirrors, unstable, None)
+    tips = len(rows) - int((np.linalg.eigvalsh(block + block.T) < 0).sum())
+    return Check(model.mirrors, unstable, unstable + tips)
 
 
 class _Walk:
@@ -305,7 +325,7 @@ class _Walk:
         self.symmetries = Symmetries(model)
 
     def run(self, x: np.ndarray) -> Folding:
-        self.last = self.before = None
+        self.last = self.at = self.before = None
         try:
             return self._walk(x)
         except OutOfTime:
@@ -319,23 +339,21 @@ class _Walk:
             point = self._accept(point)
             if isinstance(point, Outcome):
                 return self._end(Ending.LOST, point.value, self.last)
+            self.last, self.before, self.at = point, self.at, (self.model, point.x)
             if self.stop is not None and self.stop(self.states[-1]):
                 return self._end(Ending.STOPPED, Ending.STOPPED.value, point)
             if point.e >= 1.0:
                 return self._end(Ending.REACHED, Ending.REACHED.value, point)
-            self.last = point
-            self.before = (self.model, point.x)
             if len(self.states) >= self.max_states:
                 return self._end(Ending.TOO_LONG, Ending.TOO_LONG.value, point)
+            self.model = self.model.anchored(point.x, point.e)
             point = self.stepper.advance(self.model.scene, point, 1.0)
             if isinstance(point, Outcome):
                 return self._end(Ending.LOST, point.value, self.last)
 
     def _end(self, ending: Ending, detail: str, point: Point | None) -> Folding:
-        model, x = self.model, None if point is None else point.x
-        if point is not None and point is self.last:
-            # The model may have been widened since, in an attempt to go on from there.
-            model, x = self.before
+        # The model may have been widened since, in an attempt to go on from there.
+        model, x = (self.model, None) if point is None else self.at
         return Folding(
             tuple(self.states), tuple(self.happenings), ending, detail, model, x, self.iterations,
             time.monotonic() - self.begun, self.before,
