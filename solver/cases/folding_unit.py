@@ -284,9 +284,12 @@ def build(
         else:
             hinge = unit.weight * (unit.slenderness + unit.rho_ratio * unit.active)
             low = unit.slenderness * 1e-6
-            surface = body.surface(
-                (lambda X: X[:, 2] < low) if upright else body.mesh.boundary_facets()
-            )
+            cut = ["xy".index(m) for m in mirrors]  # planes within the whole unit: nothing touches
+
+            def touching(X):
+                return X[:, 2] < low if upright else (np.abs(X[:, cut]) > 1e-9).all(axis=1)
+
+            surface = body.surface(touching)
             ground = Ground(body, surface, thickness=unit.slenderness, pressure=hinge)
         terms.append(ground)
     fixed, rows = _supports(unit, body, mirrors, bool(effects), upright, at)
