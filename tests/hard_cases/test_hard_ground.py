@@ -1,5 +1,6 @@
 """Weight and ground at their ends: crushing, landing again and again, slopes, tipping over."""
 
+import time
 from dataclasses import replace
 
 import numpy as np
@@ -67,8 +68,10 @@ def test_a_crushing_weight_ends_in_words_or_in_an_audited_state():
     """Γ = 1e-3 on a hinge a thousand times softer than the sheet: a typed ending, no NaN, and a
     state that is reached passes the second code path."""
     unit = replace(P, stiffness_to_weight=1e-3, E_ratio=1e-3, h_ratio=10.0, rho_ratio=10.0)
-    found = fold(build(unit, COARSE))
-    assert found.ending in (Ending.REACHED, Ending.NO_REST, Ending.LOST)
+    begun = time.monotonic()
+    found = fold(build(unit, COARSE, deadline=begun + 3))
+    assert time.monotonic() - begun < 6
+    assert found.ending in (Ending.REACHED, Ending.NO_REST, Ending.LOST, Ending.TIMEOUT)
     assert found.detail and (found.x is None) == (not found.states)
     for state in found.states:
         assert np.isfinite(state.curves).all()
