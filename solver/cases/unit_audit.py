@@ -25,6 +25,7 @@ from scipy.sparse.linalg import ArpackError, eigsh, splu
 
 from solver.body import ELEMENTS
 from solver.cases.folding_unit import GROWTHS, Model, Unit
+from solver.cases.unit_path import Folding
 
 TINY = 1e-30  # complex step
 CELLS = 128  # in one go
@@ -37,9 +38,9 @@ class Audit:
     ``energy`` of the whole unit in E_s l_s³. ``residual``: largest force on a node over the largest
     single contribution to any. ``correction``: what an independent Newton step would still move,
     max|Δu| in l_s. ``moment`` that a unit leans with on what holds its rotations about x and y, in
-    E_s l_s³; residual and correction are beside it. ``held``: unstable modes of a unit whose rotations about x and y are held,
-    ``free``: of one that may tip over; None where they could not be counted. ``finite``: whether
-    all of it is; without that the rest means nothing.
+    E_s l_s³; residual and correction are beside it. ``held``: unstable modes of a unit whose
+    rotations about x and y are held, ``free``: of one that may tip over; None where they could not
+    be counted. ``finite``: whether all of it is; without that the rest means nothing.
     """
 
     energy: float
@@ -49,6 +50,43 @@ class Audit:
     held: int | None
     free: int | None
     finite: bool = True
+
+
+def faults(folding: Folding, *, rtol: float = 1e-6) -> tuple[str, ...]:
+    """What an audit of a path's last state finds wrong with it, in words; empty: nothing.
+
+    ``rtol``: what the path was followed with. A path without states has nothing to be wrong.
+    Raises ValueError for what :func:`audit` doesn't know.
+    """
+    if not folding.states:
+        return ()
+    model, state = folding.model, folding.last
+    seen = audit(model, folding.x, state.e)
+    if not seen.finite or not np.isfinite(state.curves).all():
+        return ("the state is not finite",)
+    found = []
+    energy = state.energy * 2 ** len(model.mirrors)
+    # An energy is a difference of numbers of the size of E times volume.
+    roundoff = 1e-14 * unit_volume(model.unit)
+    if abs(seen.energy - energy) > 1e-6 * abs(energy) + roundoff:
+        found.append(f"the energy is {seen.energy:.6g}, not {energy:.6g}")
+    if not seen.correction <= rtol:
+        found.append(f"an independent Newton step still moves it by {seen.correction:.2g}")
+    if seen.held is None:
+        found.append("its unstable modes could not be counted independently")
+    elif seen.held != state.unstable:
+        found.append(f"it has {seen.held} unstable modes, not {state.unstable}")
+    elif model.upright and state.topples != (seen.free > seen.held):
+        found.append(f"let go it has {seen.free} unstable modes; topples is {state.topples}")
+    elif not model.upright and seen.free:
+        found.append(f"it tips over: {seen.free} unstable modes")
+    return tuple(found)
+
+
+def unit_volume(unit: Unit) -> float:
+    """Size of E times volume, in E_s l_s³."""
+    hinge = unit.hinge_length * unit.width * (unit.slenderness + unit.E_ratio * unit.active)
+    return hinge + (1 - unit.hinge_length) * unit.aspect * unit.slenderness
 
 
 def audit(model: Model, x: np.ndarray, e: float) -> Audit:
@@ -328,7 +366,7 @@ def cholesky(K: sp.csc_array):
 
 
 def stability(K: sp.csc_array, force: np.ndarray, rows: np.ndarray | None):
-    """Unstable modes with ``rows`` (k, n) held and free of them, and a Newton step that keeps them."""
+    """Unstable modes with ``rows`` (k, n) held and without, and a Newton step that keeps them."""
     held = free = 0
     try:
         solve = cholesky(K)
