@@ -21,7 +21,7 @@ import numpy as np
 import scipy.sparse as sp
 from scipy.linalg import LinAlgError, cho_solve_banded, cholesky_banded, qr
 from scipy.sparse.csgraph import reverse_cuthill_mckee
-from scipy.sparse.linalg import ArpackError, eigsh, splu
+from scipy.sparse.linalg import ArpackError, LinearOperator, eigsh, splu
 
 from solver.body import ELEMENTS
 from solver.cases.folding_unit import GROWTHS, Model, Unit
@@ -92,8 +92,8 @@ def unit_volume(unit: Unit) -> float:
 def audit(model: Model, x: np.ndarray, e: float) -> Audit:
     """The state ``x`` (size,) of a model at the load ``e``, looked at again.
 
-    Raises ValueError for what this second path doesn't know: other elements than hex27, the
-    exponential barrier, and stiffening.
+    Raises ValueError for what this path doesn't know: other elements than hex27, the exponential
+    barrier, and stiffening.
     """
     body, unit = model.body, model.unit
     known = model.options["barrier"] == "surface" and model.options["stiffening"] is None
@@ -123,7 +123,9 @@ def audit(model: Model, x: np.ndarray, e: float) -> Audit:
     turns = [np.cross(axis, arms).ravel() for axis in np.eye(3)]
     shifts = [np.broadcast_to(axis, now.shape).ravel() for axis in np.eye(3)]
     idle = [*shifts[:2], turns[2]] if model.heavy else [*shifts, *turns]
-    kept = unpinned(np.array(idle), np.arange(3 * len(nodes)))
+    # Motions that cost nothing are pinned, each at one component: the inertia is the same.
+    pins = qr(np.array(idle), pivoting=True, mode="r")[1][: len(idle)]
+    kept = np.setdiff1d(np.arange(3 * len(nodes)), pins)
     K, R = sp.csc_array(K)[kept][:, kept], force.ravel()
     rows = None
     if model.heavy:
@@ -137,8 +139,7 @@ def audit(model: Model, x: np.ndarray, e: float) -> Audit:
     if given and model.upright:
         pull = np.linalg.lstsq(rows.T, R)[0] @ rows
         R = R - pull
-        arm = np.abs(now[:, 2] - now[:, 2].mean()) + np.abs(now[:, :2]).sum(axis=1)
-        moment = float(np.abs(pull).reshape(-1, 3).sum(axis=1) @ arm)
+        moment = float(np.linalg.norm(np.cross(arms, pull.reshape(-1, 3)).sum(axis=0)))
     rows = None if rows is None else rows[:, kept]
     held, free, step = stability(K, R[kept], rows)
     return Audit(
@@ -330,21 +331,11 @@ def ground(unit: Unit, nodes, u, cells, bent, upright):
 # -- stability -----------------------------------------------------------------------------------
 
 
-def unpinned(modes: np.ndarray, among: np.ndarray) -> np.ndarray:
-    """Components left when as many of ``among`` are pinned as there are modes (k, n)."""
-    pins = among[qr(modes[:, among], pivoting=True, mode="r")[1][: len(modes)]]
-    return np.setdiff1d(among, pins)
-
-
-class NotDefinite(ArithmeticError):
-    """The matrix has no Cholesky factor."""
-
-
 def cholesky(K: sp.csc_array):
-    """A solver of K x = b; raises NotDefinite unless K is positive definite."""
+    """A solver of K x = b; raises LinAlgError unless K is positive definite."""
     diagonal = K.diagonal()
     if not (diagonal > 0).all():
-        raise NotDefinite
+        raise LinAlgError("a diagonal entry is not positive")
     scale = 1 / np.sqrt(diagonal)
     order = reverse_cuthill_mckee(sp.csr_matrix(K), symmetric_mode=True)
     S = (K * scale * scale[:, None]).tocsc()[order][:, order].tocoo()
@@ -352,10 +343,7 @@ def cholesky(K: sp.csc_array):
     row, col = S.row[low], S.col[low]
     band = np.zeros(((row - col).max() + 1, K.shape[0]))
     band[row - col, col] = S.data[low]
-    try:
-        factor = cholesky_banded(band, lower=True)
-    except LinAlgError:
-        raise NotDefinite from None
+    factor = cholesky_banded(band, lower=True)
 
     def solve(b):
         x = np.empty_like(b)
@@ -370,7 +358,7 @@ def stability(K: sp.csc_array, force: np.ndarray, rows: np.ndarray | None):
     held = free = 0
     try:
         solve = cholesky(K)
-    except NotDefinite:
+    except LinAlgError:
         solve = splu(K).solve
         held = free = negatives(K, solve)
     step = -solve(force)
@@ -388,26 +376,23 @@ def negatives(K: sp.csc_array, solve) -> int | None:
     """Number of negative eigenvalues; None where it could not be proven."""
     scale = 1 / np.sqrt(np.abs(K.diagonal()))
     S = (K * scale * scale[:, None]).tocsc()
-    inverse = sp.linalg.LinearOperator(S.shape, lambda b: solve(b.ravel() / scale) / scale)
+    inverse = LinearOperator(S.shape, lambda b: solve(b.ravel() / scale) / scale)
+    for count in (8, 32):
+        try:
+            values = eigsh(
+                S, k=count, sigma=0, OPinv=inverse, v0=np.ones(len(scale)),
+                return_eigenvectors=False,
+            )  # fmt: skip
+        except ArpackError:
+            return None
+        lowest = values.min()
+        if -0.9 * values.max() < lowest < 0:
+            break
+    else:
+        return None
     try:
-        values, vectors = eigsh(S, k=8, sigma=0, OPinv=inverse, v0=np.ones(len(scale)))
-    except ArpackError:
+        # None lies below the lowest that was found, which isn't the farthest from 0.
+        cholesky((S - 1.01 * lowest * sp.eye_array(len(scale))).tocsc())
+    except LinAlgError:
         return None
-    below = np.flatnonzero(values < 0)
-    if not len(below):
-        return None
-    # Each component more that is held takes at most one negative eigenvalue away, and does so where
-    # its own compliance, a diagonal entry of K⁻¹, is negative.
-    inner, pins = np.diag(1 / values), []
-    for _ in below:
-        own = np.einsum("nk,kl,nl->n", vectors, inner, vectors)
-        own[pins] = np.inf
-        pins.append(int(np.argmin(own)))
-        v = inner @ vectors[pins[-1]]
-        inner = inner - np.outer(v, v) / own[pins[-1]]
-    kept = np.setdiff1d(np.arange(len(scale)), pins)
-    try:
-        cholesky(K[kept][:, kept])
-    except NotDefinite:
-        return None
-    return len(below)
+    return int((values < 0).sum())

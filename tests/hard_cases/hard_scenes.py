@@ -1,7 +1,7 @@
 """Scenes and measures that the hard cases share; lengths and stresses in units of their own."""
 
 import numpy as np
-from reference_scenes import AXES, held, near
+from reference_scenes import AXES, held, modulus, near, strip
 from scipy.optimize import fsolve
 
 from foldlab import foldability
@@ -11,7 +11,7 @@ from solver.cases.folding_unit import Unit
 from solver.cases.unit_path import Ending, fold
 from solver.continuation import LoadSteps, load, trace
 from solver.ground import Ground
-from solver.growth import Orthotropic
+from solver.growth import General, Orthotropic
 from solver.materials import NeoHookean
 from solver.meshes import box, graded, joined
 from solver.scene import Fixed, Row, Scene, translation_row
@@ -67,7 +67,8 @@ def section_curvature(g, *, m, n, nu=0.3, growth=(1, 0, 0), order=10):
     z = height @ flat
     modes = np.stack([np.ones_like(z), z])
     stiffness, free = (modes * (w * E)) @ modes.T, modes @ (w * E * (Gy - 1))
-    guess = np.concatenate([np.linalg.solve(stiffness, free) + [1, 0], flat])  # linear beam theory
+    linear = np.linalg.solve(stiffness, free) + np.array([1, 0])  # beam theory
+    guess = np.concatenate([linear, flat])
     found, _, ok, message = fsolve(gradient, guess, xtol=1e-12, full_output=True)
     assert ok == 1 or np.abs(gradient(found)).max() < 1e-9 * stiffness[0, 0], message
     return abs(found[1])
@@ -144,10 +145,7 @@ def weight_of(scene):
 
 
 def half_strip(h, n, kappa, *, length=0.5, nu=0.0):
-    """Half of a strip in plane strain whose free curvature is ``kappa(e, X)``; and its supports."""
-    from reference_scenes import strip
-    from solver.growth import General
-
+    """Half of a strip in plane strain whose free curvature is ``kappa(e, x)``; and its supports."""
     body, fixed = strip(h, n, length=length)
     z = body.points()[..., 2]
 
@@ -156,8 +154,9 @@ def half_strip(h, n, kappa, *, length=0.5, nu=0.0):
         Fg[..., 0, 0] = 1 - kappa(e, X[..., 0]) * z
         return Fg
 
-    term = Elastic(body, NeoHookean(12 / h**3, nu), General(tensor))
+    term = Elastic(body, NeoHookean(modulus(h), nu), General(tensor))
     return body, term, [*fixed, *held(body, 0, 0.0, 0)]
+
 
 # -- units ---------------------------------------------------------------------------------------
 

@@ -15,11 +15,12 @@ from hard_scenes import COARSE, P
 
 from foldlab import foldability
 from foldlab.design import FULL, REDUCED
-from solver.cases.folding_unit import EFFECTS, Unit, build
+from solver.cases.folding_unit import EFFECTS, Unit, build, plane
 from solver.cases.unit_audit import audit, faults
 from solver.cases.unit_path import Ending, fold
-from solver.scene import Scene
-from solver.supports import Row
+from solver.continuation import LoadSteps, load, trace
+from solver.descent import descend
+from solver.scene import Fixed, Row, Scene
 
 DESIGNS, BATCH, TIMEOUT = 40, 10, 10.0
 SEED = 20
@@ -34,7 +35,10 @@ def designs(batch):
 
 def settings(k):
     """Weight every other time; contraction in all directions every fifth."""
-    return {"effects": EFFECTS if k % 2 else (), "growth": "isotropic" if k % 5 == 4 else "uniaxial"}
+    return {
+        "effects": EFFECTS if k % 2 else (),
+        "growth": "isotropic" if k % 5 == 4 else "uniaxial",
+    }
 
 
 def examine(unit, timeout=TIMEOUT, **options):
@@ -72,7 +76,7 @@ def fuzz(batch):
 
 @pytest.mark.parametrize("batch", range(DESIGNS // BATCH))
 def test_random_designs_end_in_audited_states_or_in_words(batch):
-    """Ten designs of the full space (forty in all), with and without weight, uniaxial and isotropic:
+    """Forty designs of the full space in all, with and without weight, uniaxial and isotropic:
     every ending typed, every last state confirmed by the second code path, most paths complete."""
     endings, complaints = fuzz(batch)
     assert not complaints, "\n".join(complaints)
@@ -118,8 +122,6 @@ def test_the_second_code_path_notices_what_is_wrong():
 def test_the_second_code_path_counts_unstable_modes():
     """Contracting in all directions Problem P passes a branch point on its symmetric path: the
     audit of the state beyond it has the solver's count, above 0, and before it 0."""
-    from solver.continuation import LoadSteps, load, trace
-
     model = build(P, COARSE, effects=(), growth="isotropic")
     counts = []
     for e in (0.2, 0.45):
@@ -139,13 +141,13 @@ def test_the_second_code_path_sees_a_unit_lean():
     model = build(unit, COARSE, mirrors=("x",))
     found = fold(model)
     straight = audit(found.model, found.x, 1.0)
-    rows = [replace(r, value=r.value + 1e-3) for r in found.model.scene.rows if r.name == "rotation x"]
+    rows = [
+        replace(r, value=r.value + 1e-3) for r in found.model.scene.rows if r.name == "rotation x"
+    ]
     rest = [r for r in found.model.scene.rows if r.name != "rotation x"]
     held = found.model
     scene = Scene(held.body, held.terms, fixed=_mirror(held), rows=[*rest, *rows])
     assert isinstance(rows[0], Row) and scene.size == held.scene.size
-    from solver.descent import descend
-
     pushed = descend(scene, found.x, 1.0, rtol=1e-8)
     assert pushed.converged
     leaning = audit(replace(held, scene=scene), pushed.x, 1.0)
@@ -154,7 +156,6 @@ def test_the_second_code_path_sees_a_unit_lean():
 
 
 def _mirror(model):
-    from solver.cases.folding_unit import plane
-    from solver.scene import Fixed
-
-    return [Fixed(plane(model.body, "xy".index(m)), np.eye(3)["xy".index(m)]) for m in model.mirrors]
+    return [
+        Fixed(plane(model.body, "xy".index(m)), np.eye(3)["xy".index(m)]) for m in model.mirrors
+    ]

@@ -15,7 +15,7 @@ from solver.body import Body
 from solver.cases.folding_unit import build
 from solver.cases.unit_audit import audit
 from solver.cases.unit_path import Ending, fold
-from solver.continuation import LoadSteps, follow, load, trace
+from solver.continuation import LoadSteps, load, trace
 from solver.descent import descend
 from solver.ground import Ground
 from solver.growth import General

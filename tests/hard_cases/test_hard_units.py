@@ -1,11 +1,10 @@
-"""Folding units: axes that change, units held upright past the vertical, threads, seeds, endings."""
+"""Folding units: axes that change, held upright past the vertical, threads, seeds, endings."""
 
 from dataclasses import replace
 
 import numpy as np
 import pytest
 from hard_scenes import COARSE, P, fold_angle, reached
-from reference_scenes import AXES
 from threadpoolctl import threadpool_info, threadpool_limits
 
 from solver.body import Body
@@ -21,7 +20,6 @@ from solver.newton import Outcome
 from solver.scene import Scene, rotation_row, translation_row
 from solver.settle import Settle
 from solver.terms import Elastic, OutOfTime
-
 
 # -- axes ----------------------------------------------------------------------------------------
 
