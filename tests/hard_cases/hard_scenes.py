@@ -2,7 +2,6 @@
 
 import numpy as np
 from reference_scenes import AXES, held, modulus, near, strip
-from scipy.optimize import fsolve
 
 from foldlab import foldability
 from solver.body import Body
@@ -43,7 +42,6 @@ def section_curvature(g, *, m, n, nu=0.3, growth=(1, 0, 0), order=10):
     active = np.arange(4 * order) >= 2 * order
     E = np.where(active, n, 1.0)
     lam, mu = lame(E, nu)
-    Gy, Gx, Gz = (np.where(active, 1 + g * k, 1.0) for k in growth)
     powers = [np.polynomial.Legendre.basis(k, domain=[0, 1]) for k in range(order)]
     slopes = np.stack([f(s) for f in powers], axis=-1)
     heights = np.stack([f.integ()(s) - f.integ()(0.0) for f in powers], axis=-1)
@@ -52,10 +50,11 @@ def section_curvature(g, *, m, n, nu=0.3, growth=(1, 0, 0), order=10):
     rate = np.block([[slopes, none], [none, slopes]])
     height = np.block([[heights, none], [np.tile(tops, (len(s), 1)), m * heights]])
 
-    def gradient(p):
+    def gradient(p, g):
+        Gy, Gx, Gz = (np.where(active, 1 + g * k, 1.0) for k in growth)
         z, thick = height @ p[2:], rate @ p[2:] / Gz
         a = (p[0] + p[1] * z) / Gy
-        ln = np.log(np.maximum(a * thick / Gx, 1e-9))
+        ln = np.log(a * thick / Gx)
         along = w * Gx * Gz * (mu * (a - 1 / a) + lam * ln / a)
         across = w * Gx * Gy * (mu * (thick - 1 / thick) + lam * ln / thick)
         return np.concatenate([
@@ -64,13 +63,16 @@ def section_curvature(g, *, m, n, nu=0.3, growth=(1, 0, 0), order=10):
 
     flat = np.zeros(2 * order)
     flat[[0, order]] = 1.0
-    z = height @ flat
-    modes = np.stack([np.ones_like(z), z])
-    stiffness, free = (modes * (w * E)) @ modes.T, modes @ (w * E * (Gy - 1))
-    linear = np.linalg.solve(stiffness, free) + np.array([1, 0])  # beam theory
-    guess = np.concatenate([linear, flat])
-    found, _, ok, message = fsolve(gradient, guess, xtol=1e-12, full_output=True)
-    assert ok == 1 or np.abs(gradient(found)).max() < 1e-9 * stiffness[0, 0], message
+    found = np.concatenate([[1.0, 0.0], flat])
+    for part in np.linspace(0, g, 13)[1:]:
+        for _ in range(20):  # Newton's method with complex steps
+            slope = [gradient(found + 1e-30j * d, part).imag / 1e-30 for d in np.eye(len(found))]
+            step = np.linalg.solve(np.stack(slope, axis=-1), gradient(found, part))
+            found = found - step
+            if np.abs(step).max() < 1e-11:
+                break
+        else:
+            raise ArithmeticError("the section found no rest")
     return abs(found[1])
 
 
