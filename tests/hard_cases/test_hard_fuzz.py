@@ -98,7 +98,7 @@ def test_fuzz_for_hours():
 
 def test_the_second_code_path_notices_what_is_wrong():
     """A state moved by 1e-4, an energy off by 1e-4, a count off by one, a design of other weight, a
-    state at rest on a support: each is a fault, and the state as it is has none."""
+    state that is not finite: each is a fault, and the state as it is has none."""
     unit = replace(P, contraction=0.1)
     found = fold(build(unit, COARSE))
     assert faults(found) == ()

@@ -45,7 +45,7 @@ def test_slivers_of_hexahedra_carry_uniform_growth_without_stress(thin):
 
 @pytest.mark.parametrize("element", ["tet4", "tet10"])
 def test_slivers_of_tetrahedra_carry_a_homogeneous_strain(element):
-    """Tetrahedra squeezed nearly flat (scaled Jacobian below 1e-3): a block sheared and stretched
+    """Tetrahedra squeezed nearly flat (scaled Jacobian below 1e-2): a block sheared and stretched
     by its boundary takes the homogeneous state inside, to 1e-8."""
     mesh = skfem.MeshTet.init_tensor(*(np.linspace(0, 1, 4),) * 3)
     p = mesh.p.copy()

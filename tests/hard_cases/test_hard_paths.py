@@ -54,7 +54,7 @@ def unstable(scene, x, e, slack=1e-9):
 
 def test_a_cycle_of_load_snaps_there_and_back_and_loses_what_the_loop_encloses():
     """Truss under load up, down and up again: snaps at ± the closed form's limit, and the energy
-    lost in both equals the area of the hysteresis loop (closed form, 1e-6)."""
+    lost in both equals the area of the hysteresis loop (closed form, 1e-5)."""
     scene = truss()
     stepper = StablePath(LoadSteps(1e-11, 4e-5))
     up = trace(scene, rest(scene), stepper, until=load(4e-4), max_steps=80)
@@ -76,7 +76,7 @@ def test_a_cycle_of_load_snaps_there_and_back_and_loses_what_the_loop_encloses()
     area = 2 * np.trapezoid(
         e - P[first : np.searchsorted(w, jump)], w[first : np.searchsorted(w, jump)]
     )
-    assert drop == pytest.approx(2 * area, rel=0.02)
+    assert drop == pytest.approx(2 * area, rel=1e-5)
 
 
 def test_snap_back_behind_a_spring_ten_thousand_times_softer():
@@ -107,6 +107,7 @@ def test_a_solid_arch_lands_on_the_far_branch_of_its_own_path():
     )  # fmt: skip
     assert settled.reached and settled.last.unstable == 0
     assert [ev.kind for ev in settled.events] == ["snap"]
+    assert settled.events[0].energy_drop > 0
     assert settled.events[0].e * 40 > 33.5  # not before the limit load of 34.09
     # The load passes 1 three times; the last time the crown has sunk deepest.
     arc = trace(
