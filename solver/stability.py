@@ -111,8 +111,8 @@ def _search(scene, before, after, low: _Probe, high: _Probe, rtol) -> list[Event
     def at(share):
         if share not in seen:
             seen[share] = _probe(scene, before, after, share, rtol)
-            if seen[share] is None:
-                raise ArithmeticError
+        if seen[share] is None:
+            raise ArithmeticError
         return seen[share]
 
     def bounded(share):
@@ -128,9 +128,11 @@ def _search(scene, before, after, low: _Probe, high: _Probe, rtol) -> list[Event
     try:
         root = brentq(bounded, low.share, high.share, xtol=RESOLUTION / 4, rtol=1e-12)
     except (ArithmeticError, RuntimeError):
-        # Close to a singular point a thin structure's corrections may not settle: the tightest
-        # bracket of probes that did is taken, and the event interpolated within it.
-        left, right = _bracket(seen, bounded, low, high)
+        # Close to a singular point a thin structure's corrections may not settle: then it is where
+        # they don't.
+        root = next((share for share, p in reversed(seen.items()) if p is None), None)
+        if root is None:
+            left, right = _bracket(seen, bounded, low, high)
     half = RESOLUTION / 2
     while half < 0.1 and (left is None or right is None):
         try:

@@ -13,7 +13,7 @@ terms, a solid active layer has no strips.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
 
 import numpy as np
@@ -169,6 +169,26 @@ class Model:
         """Least distance of a panel from the plane in which the panels touch, in l_s."""
         return float(self.contact.gaps(self.scene.displacement(x, e)).min())
 
+    def anchored(self, x: np.ndarray, e: float) -> Model:
+        """The model whose rows hold the rotations about the state x as it is now.
+
+        The unknowns keep their meaning. Where the rows still see most of each rotation it is this
+        model itself: seen from the flat sheet's arms, a unit whose panels stand upright turns by
+        nothing.
+        """
+        u = self.scene.displacement(x, e)
+        turning = [row for row in self.scene.rows if row.name.startswith("rotation")]
+        seen = [_sight(row, self.body.nodes + u) for row in turning]
+        if min(seen, default=1.0) > 0.7:
+            return self
+        fixed, rows = _supports(
+            self.unit, self.body, self.mirrors, self.heavy, self.upright, lambda body: u
+        )
+        scene = Scene(self.body, self.terms, fixed=fixed, rows=rows, scales=self.scene.scales)
+        made = replace(self, scene=scene)
+        made.__dict__["_curves"] = self._curves  # the same body's
+        return made
+
     def widened(self, mirrors: Sequence[str], x: np.ndarray, e: float) -> tuple[Model, np.ndarray]:
         """The model with fewer mirror planes, and the same state on it as its unknowns.
 
@@ -278,9 +298,12 @@ def build(
         else:
             hinge = unit.weight * (unit.slenderness + unit.rho_ratio * unit.active)
             low = unit.slenderness * 1e-6
-            surface = body.surface(
-                (lambda X: X[:, 2] < low) if upright else body.mesh.boundary_facets()
-            )
+            cut = ["xy".index(m) for m in mirrors]  # planes within the whole unit: nothing touches
+
+            def touching(X):
+                return X[:, 2] < low if upright else (np.abs(X[:, cut]) > 1e-9).all(axis=1)
+
+            surface = body.surface(touching)
             ground = Ground(body, surface, thickness=unit.slenderness, pressure=hinge)
         terms.append(ground)
     if "contact" in effects:
@@ -368,3 +391,11 @@ def turning_row(body: Body, axis: int, u: np.ndarray, mirrors: Sequence[str] = (
     c[:, j], c[:, i] = volume * arm[:, i], -volume * arm[:, j]
     c /= volume @ (arm[:, i] ** 2 + arm[:, j] ** 2) / body.length
     return Row(c, value=float((c * u).sum()), name=f"rotation {'xyz'[axis]}")
+
+
+def _sight(row: Row, positions: np.ndarray) -> float:
+    """Share of a rotation of a body at ``positions`` (nodes, 3) that a row sees, up to 1."""
+    axis = "xyz".index(row.name[-1])
+    turn = np.cross(np.eye(3)[axis], positions - positions.mean(axis=0))
+    c = row.coefficients
+    return float((c * turn).sum() / (np.linalg.norm(c, axis=1) @ np.linalg.norm(turn, axis=1)))

@@ -20,7 +20,7 @@ import numpy as np
 from scipy.linalg import qr
 
 from solver.cases.folding_unit import Model, build, foot, plane, turning_row
-from solver.continuation import LoadSteps, Noise, Point
+from solver.continuation import ArcLength, LoadSteps, Noise, Point
 from solver.descent import descend
 from solver.ground import Ground
 from solver.linear import SingularMatrix
@@ -30,6 +30,7 @@ from solver.settle import Settle
 from solver.terms import OutOfTime
 
 LONGEST = 0.2  # step of e, however little Timoshenko expects the hinge to turn
+SWAY = 0.05  # root mean square of |Δu| in l_s that an arc-length step may move the unit by
 
 # What a mode does, by the mirror planes that it keeps.
 CLASSES = {("x", "y"): "symmetric", ("y",): "sideways", ("x",): "rocking", (): "twisting"}
@@ -217,9 +218,9 @@ def fold(
 
     ``start``: unknowns to begin with, zeros if None. ``rtol``: see :func:`solver.newton.newton`.
     ``turn``: rad that the fold should turn by in a step, by Timoshenko. ``stop``: asked at each
-    state. ``noise``: amplitude and seed of
-    §4.3.3, on a whole model instead of the tests of symmetry. ``on_state`` sees each state as it is
-    accepted, with its model and unknowns.
+    state. ``noise``: amplitude and seed; the path is then arc length with the noise of §4.3.3, on a
+    whole model instead of the tests of symmetry. ``on_state`` sees each state as it is accepted,
+    with its model and unknowns.
     """
     walk = _Walk(model, rtol, turn, stop, noise, on_state, max_states)
     return walk.run(np.zeros(model.scene.size) if start is None else start)
@@ -293,11 +294,31 @@ def _state(model: Model, x, e, unstable, energy, iterations, checks) -> State:
         lowest = float(model.gaps(x, e).min())
         u = model.scene.displacement(x, e)
         tip = float((model.body.nodes + u)[foot(model.body, (0.0, 0.5, 0.0)), 2].item())
-    own = Check(model.mirrors, unstable, unstable)
+    own = _own(model, x, e, unstable)
     return State(
         e, model.curves(x, e), (own, *checks), lowest, tip, energy, iterations, model.scene.size,
         None if model.contact is None else model.clearance(x, e),
     )  # fmt: skip
+
+
+def _own(model: Model, x: np.ndarray, e: float, unstable: int | None) -> Check:
+    """Counts in the model's own class, as :meth:`Symmetries.check` gives them for the others.
+
+    The block of the bordered inverse at the rows of the rotations is −(C K⁻¹ Cᵀ)⁻¹.
+    """
+    names = [row.name for row in model.scene.rows]
+    rows = [k for k, name in enumerate(names) if name in ("rotation x", "rotation y")]
+    if not (rows and model.heavy) or unstable is None:
+        return Check(model.mirrors, unstable, unstable)
+    at = model.scene.n_free + np.array(rows)
+    unit = np.zeros((model.scene.size, len(rows)))
+    unit[at, np.arange(len(rows))] = 1.0
+    try:
+        block = model.scene.system(x, e).factorise().solve(unit)[at]
+    except SingularMatrix:
+        return Check(model.mirrors, unstable, None)
+    tips = len(rows) - int((np.linalg.eigvalsh(block + block.T) < 0).sum())
+    return Check(model.mirrors, unstable, unstable + tips)
 
 
 class _Walk:
@@ -315,7 +336,8 @@ class _Walk:
         )  # fmt: skip
         self.stepper = Settle(self.steps)
         if noise is not None:
-            self.stepper = replace(self.steps, noise=Noise(*noise))
+            self.landing = replace(self.steps, noise=Noise(*noise))
+            self.stepper = ArcLength(rtol, SWAY, step, noise=Noise(*noise))
         self.states: list[State] = []
         self.happenings: list[Happening] = []
         self.iterations = 0
@@ -323,7 +345,7 @@ class _Walk:
         self.symmetries = Symmetries(model)
 
     def run(self, x: np.ndarray) -> Folding:
-        self.last = self.before = None
+        self.last = self.at = self.before = None
         try:
             return self._walk(x)
         except OutOfTime:
@@ -339,23 +361,25 @@ class _Walk:
                 return self._end(point, point.value, self.last)
             if isinstance(point, Outcome):
                 return self._end(Ending.LOST, point.value, self.last)
+            self.last, self.before, self.at = point, self.at, (self.model, point.x)
             if self.stop is not None and self.stop(self.states[-1]):
                 return self._end(Ending.STOPPED, Ending.STOPPED.value, point)
             if point.e >= 1.0:
                 return self._end(Ending.REACHED, Ending.REACHED.value, point)
-            self.last = point
-            self.before = (self.model, point.x)
             if len(self.states) >= self.max_states:
                 return self._end(Ending.TOO_LONG, Ending.TOO_LONG.value, point)
+            self.model = self.model.anchored(point.x, point.e)
             point = self.stepper.advance(self.model.scene, point, 1.0)
+            if isinstance(point, Point) and point.e > 1.0:
+                # An arc passes its target; load steps land on it.
+                self.stepper, point = self.landing, self.landing.resume(self.last, 1.0)
+                point = self.stepper.advance(self.model.scene, point, 1.0)
             if isinstance(point, Outcome):
                 return self._end(Ending.LOST, point.value, self.last)
 
     def _end(self, ending: Ending, detail: str, point: Point | None) -> Folding:
-        model, x = self.model, None if point is None else point.x
-        if point is not None and point is self.last:
-            # The model may have been widened since, in an attempt to go on from there.
-            model, x = self.before
+        # The model may have been widened since, in an attempt to go on from there.
+        model, x = (self.model, None) if point is None else self.at
         return Folding(
             tuple(self.states), tuple(self.happenings), ending, detail, model, x, self.iterations,
             time.monotonic() - self.begun, self.before,
