@@ -87,7 +87,7 @@ class SolverSource:
     "isotropic". ``question``: "from_flat", or "exists": is there a folded stable state, approached
     by uniaxial contraction and then released to isotropic? ``upright``: whether the unit is held
     against toppling. ``timeout``: seconds per label, after which it is unknown. ``seed``: follow
-    noisy arcs (§4.3.3) on the whole unit instead of testing symmetric ones. ``strips``: active
+    noisy steps (§4.3.3) on the whole unit instead of testing symmetric ones. ``strips``: active
     strips side by side along the hinge that cover ``strip_share`` of its width (0: a solid layer).
     ``barrier``: the ground's, "surface" or the dissertation's "exponential" (Eq. 4.5).
 

@@ -315,7 +315,9 @@ class ArcLength:
         # (2.75), with a gentle growth. Where the path runs along one axis (at a fold Δe is almost
         # nothing) the other semi-axis would vanish and have to grow again step by step, so their
         # ratio stays within a factor of ten of the first.
-        pace = np.clip(np.sqrt(self.easy / found.iterations), 0.5, np.sqrt(2))
+        # What the noise costs to take back is no reason for shorter steps.
+        easy = self.easy if self.noise is None else 2 * self.easy
+        pace = np.clip(np.sqrt(easy / found.iterations), 0.5, np.sqrt(2))
         moved = np.array([displacement_size(scene, line[:-1]), abs(line[-1])])
         now, first = np.array([metric.a, metric.b]), np.array([self.a, self.b])
         share = np.clip(np.sqrt(2) * moved * pace, 0.5 * now, 2 * now) / first

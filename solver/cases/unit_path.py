@@ -211,6 +211,7 @@ def fold(
     turn: float = 0.5,
     stop: Callable[[State], bool] | None = None,
     noise: tuple[float, int] | None = None,
+    arc: bool = False,
     on_state: Callable[[Model, np.ndarray, State], None] | None = None,
     max_states: int = 400,
 ) -> Folding:
@@ -218,11 +219,12 @@ def fold(
 
     ``start``: unknowns to begin with, zeros if None. ``rtol``: see :func:`solver.newton.newton`.
     ``turn``: rad that the fold should turn by in a step, by Timoshenko. ``stop``: asked at each
-    state. ``noise``: amplitude and seed; the path is then arc length with the noise of §4.3.3, on a
-    whole model instead of the tests of symmetry. ``on_state`` sees each state as it is accepted,
+    state. ``noise``: amplitude and seed of §4.3.3, on a whole model instead of the tests of
+    symmetry, on load steps or, with ``arc``, on arc length, which takes ten times as many steps.
+    ``on_state`` sees each state as it is accepted,
     with its model and unknowns.
     """
-    walk = _Walk(model, rtol, turn, stop, noise, on_state, max_states)
+    walk = _Walk(model, rtol, turn, stop, noise, arc, on_state, max_states)
     return walk.run(np.zeros(model.scene.size) if start is None else start)
 
 
@@ -322,7 +324,7 @@ def _own(model: Model, x: np.ndarray, e: float, unstable: int | None) -> Check:
 
 
 class _Walk:
-    def __init__(self, model, rtol, turn, stop, noise, on_state, max_states):
+    def __init__(self, model, rtol, turn, stop, noise, arc, on_state, max_states):
         self.begun = time.monotonic()
         self.model, self.stop = model, stop
         self.on_state, self.max_states = on_state, max_states
@@ -336,8 +338,9 @@ class _Walk:
         )  # fmt: skip
         self.stepper = Settle(self.steps)
         if noise is not None:
-            self.landing = replace(self.steps, noise=Noise(*noise))
-            self.stepper = ArcLength(rtol, SWAY, step, noise=Noise(*noise))
+            self.stepper = self.landing = replace(self.steps, noise=Noise(*noise))
+            if arc:
+                self.stepper = ArcLength(rtol, SWAY, step, noise=Noise(*noise))
         self.states: list[State] = []
         self.happenings: list[Happening] = []
         self.iterations = 0
