@@ -137,7 +137,9 @@ def audit(model: Model, x: np.ndarray, e: float) -> Audit:
         ])  # fmt: skip
     moment = 0.0
     if given and model.upright:
-        pull = np.linalg.lstsq(rows.T, R)[0] @ rows
+        # A couple on a lopsided body may have parts that the other rows take.
+        every = np.array([row.ravel() for row in given.values()])
+        pull = np.linalg.lstsq(every.T, R)[0] @ every
         R = R - pull
         moment = float(np.linalg.norm(np.cross(arms, pull.reshape(-1, 3)).sum(axis=0)))
     rows = None if rows is None else rows[:, kept]
