@@ -1,0 +1,225 @@
+"""The lung (chapter 3): a shell of epithelium pushed through a cage of muscle by pressure.
+
+Lengths in units of the epithelium's outer radius R, stresses in units of its Young's modulus E_ep.
+Inflation raises the pressure to 0.11; the puncture takes a tenth of it away while the muscle
+contracts by 40 % along its fibres (§3.4.3). A stage goes from one (pressure, contraction) to
+another with e from 0 to 1, and any number of stages may follow each other:
+
+    lung = Lung()
+    body = hexahedra(lung, 2)
+    inflated = run(scene(body, lung, Tissue(), REST, INFLATED))
+    punctured = run(scene(body, lung, Tissue(), INFLATED, PUNCTURED), inflated.last.x)
+
+Fibres run along the great circle of the nearest bundle. Where three bundles meet, the planes that
+halve the angles divide the joint among them, as a carpenter's mitre does: each share keeps the
+direction of the bundle that it prolongs, so the joint has the symmetry of its three bundles, every
+point shortens along one direction by the same amount, and the jumps of the direction lie on faces
+between elements. ``fibres="blended"`` takes the mean of f ⊗ f over the bundles instead, weighted by
+how near they are: continuous, and isotropic in the sphere at the middle of a joint.
+
+The primitive model (§3.5.4) has small strains, a linear material and the dead traction −p N.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from solver.body import Body
+from solver.cases.lung_geometry import MIRRORS, PARTS, Lung, unit
+from solver.continuation import ArcLength, LoadSteps, Path, load, trace
+from solver.growth import AlongFibre, General, Growth, Isotropic
+from solver.materials import NeoHookean, SmallStrain
+from solver.newton import Outcome
+from solver.pressure import Pressure
+from solver.scene import Fixed, Row, Scene, rotation_row, translation_row
+from solver.terms import Elastic, Traction
+
+FIBRES = ("along", "isotropic", "blended")
+MODELS = ("advanced", "primitive")
+ROUND = 1e-9  # of R: a node on a mirror plane
+
+
+@dataclass(frozen=True)
+class Tissue:
+    """E_sm/E_ep, Poisson's ratio of both, how the muscle contracts, and the physics.
+
+    ``fibres``: "along" I + g f ⊗ f, "isotropic" (1 + g) I, or "blended"; ``model``: "advanced"
+    (neo-Hookean, follower pressure) or "primitive". Raises ValueError for other names and for a
+    stiffness that is not positive.
+    """
+
+    stiffness: float = 75.0
+    nu: float = 0.3
+    fibres: str = "along"
+    model: str = "advanced"
+
+    def __post_init__(self):
+        if self.fibres not in FIBRES or self.model not in MODELS:
+            raise ValueError(
+                f"fibres {self.fibres!r}, model {self.model!r}; expected one of "
+                f"{', '.join(FIBRES)} and one of {', '.join(MODELS)}"
+            )
+        if not (self.stiffness > 0 and np.isfinite(self.stiffness)):
+            raise ValueError(f"stiffness = {self.stiffness}; expected E_sm/E_ep > 0")
+
+
+@dataclass(frozen=True)
+class State:
+    """Pressure over E_ep and the muscle's contraction g, −1 < g (negative shortens)."""
+
+    pressure: float
+    contraction: float = 0.0
+
+    def __post_init__(self):
+        if not np.isfinite(self.pressure) or not self.contraction > -1:
+            raise ValueError(
+                f"pressure {self.pressure}, contraction {self.contraction}; expected a finite "
+                "pressure and a contraction above -1 (-0.4 shortens by 40 %)"
+            )
+
+
+REST, INFLATED, PUNCTURED = State(0.0), State(0.11), State(0.099, -0.4)
+
+
+def part_of(body: Body) -> str:
+    """Which part of the lung a body is: "wedge", "octant" or "sphere"."""
+    for name in ("wedge", "octant"):
+        if (body.nodes @ PARTS[name].T > -1e-6).all():
+            return name
+    return "sphere"
+
+
+def mirrors(body: Body, part: str) -> list[Fixed]:
+    """Supports on the part's mirror planes, all of which pass through the centre."""
+    return [Fixed(np.flatnonzero(np.abs(body.nodes @ n) < ROUND), n) for n in PARTS[part]]
+
+
+def rigid_rows(body: Body) -> list[Row]:
+    """No mean translation, no mean rotation (Eqs. 2.13, 2.17)."""
+    return [make(body, axis) for make in (translation_row, rotation_row) for axis in range(3)]
+
+
+def fibre_directions(body: Body, lung: Lung) -> np.ndarray:
+    """Unit vectors (m, q, 3) along the nearest bundle at every quadrature point."""
+    X = body.points()
+    flat = X.reshape(-1, 3)
+    normals = lung.tiling.normals[lung.tiling.nearest_edge(flat)]
+    return unit(np.cross(normals, flat)).reshape(X.shape)
+
+
+def blended_fibres(body: Body, lung: Lung) -> np.ndarray:
+    """Mean of f ⊗ f (m, q, 3, 3), of trace 1, over the bundles nearby.
+
+    Each bundle's weight is (1 − d²/r²)² of the distance d from its arc within the reach r = w, the
+    width, so that beside a joint one bundle is left.
+    """
+    t, X = lung.tiling, body.points()
+    d = unit(X.reshape(-1, 3))
+    out = np.zeros((len(d), 3, 3))
+    nearest = t.nearest_edge(d)
+    for k in range(len(t.edges)):
+        ends = t.corners[t.edges[k]]
+        off = d @ t.normals[k]
+        along = (d @ t.middles[k]) / np.sqrt(np.maximum(1 - off**2, 1e-300))
+        inside = along >= np.sqrt(1 - (t.lengths[k] / 2) ** 2)
+        angle = np.where(
+            inside, np.abs(np.arcsin(np.clip(off, -1, 1))),
+            np.arccos(np.clip((d @ ends.T).max(axis=1), -1, 1)),
+        )  # fmt: skip
+        share = np.clip(1 - (angle / lung.bundle) ** 2, 0, None) ** 2
+        share = np.where(nearest == k, np.maximum(share, 1e-12), share)
+        hit = np.flatnonzero(share)
+        f = unit(np.cross(t.normals[k], d[hit]))
+        out[hit] += share[hit, None, None] * f[:, :, None] * f[:, None, :]
+    out /= np.trace(out, axis1=1, axis2=2)[:, None, None]
+    return out.reshape(*X.shape, 3)
+
+
+def scene(
+    body: Body,
+    lung: Lung,
+    tissue: Tissue,
+    start: State = REST,
+    end: State = INFLATED,
+    *,
+    linear: str = "auto",
+) -> Scene:
+    """The stage from ``start`` (e = 0) to ``end`` (e = 1), straight in pressure and contraction.
+
+    A wedge or octant is held by its mirror planes, the whole sphere by rows against rigid motion. A
+    body without muscle has no growth; a stage without contraction has none either. Raises
+    ValueError for a contraction without muscle.
+    """
+    part = part_of(body)
+    fixed = mirrors(body, part)
+    muscle = np.zeros(len(body.cells), bool)
+    if "muscle" in (body.mesh.subdomains or {}):
+        muscle = body.cells_of("muscle")
+
+    def pressure(e: float) -> float:
+        return start.pressure + e * (end.pressure - start.pressure)
+
+    growth = None
+    if start.contraction or end.contraction:
+        if not muscle.any():
+            raise ValueError("a contraction but no muscle; give the lung a cage or contract by 0")
+        growth = _growth(body, lung, tissue, start.contraction, end.contraction, muscle)
+    E = np.where(muscle, tissue.stiffness, 1.0)
+    wall = body.surface("inner")
+    if tissue.model == "advanced":
+        terms = [
+            Elastic(body, NeoHookean(E, tissue.nu), growth),
+            Pressure(body, wall, pressure, potential="volume", fixed=fixed),
+        ]
+    else:
+        out = -wall.normals
+        terms = [
+            Elastic(body, SmallStrain(E, tissue.nu), growth),
+            Traction(body, wall, lambda e: pressure(e) * out),
+        ]
+    rows = rigid_rows(body) if part == "sphere" else ()
+    return Scene(body, terms, fixed=fixed, rows=rows, linear=linear)
+
+
+def _growth(body, lung, tissue, before: float, after: float, muscle: np.ndarray) -> Growth:
+    def g(e: float) -> float:
+        return before + e * (after - before)
+
+    if tissue.fibres == "isotropic":
+        return Isotropic(g, cells=muscle)
+    if tissue.fibres == "along":
+        return AlongFibre(g, fibre_directions(body, lung), cells=muscle)
+    dyads = blended_fibres(body, lung)
+    return General(lambda e: np.eye(3) + g(e) * dyads, cells=muscle)
+
+
+def run(
+    stage: Scene,
+    x: np.ndarray | None = None,
+    *,
+    steps: int = 10,
+    rtol: float = 1e-7,
+    events: bool = True,
+    arc: bool = True,
+) -> Path:
+    """The stage from the unknowns ``x`` (None: undeformed) to e = 1.
+
+    Load steps as far as they go. Where one fails, the path passes a limit or nearly so: with
+    ``arc`` it goes on by arc length, over limit points, until it meets e = 1 or comes back to its
+    start. The outcome says which, and the events where it turned.
+    """
+    x = np.zeros(stage.size) if x is None else x
+    path = trace(
+        stage, x, LoadSteps(rtol=rtol, step=1 / steps, smallest=0.05),
+        max_steps=40 * steps, events=events,
+    )  # fmt: skip
+    if path.reached or not arc or not path.points:
+        return path
+    last = path.last
+    more = trace(
+        stage, last, ArcLength(rtol=rtol, a=max(last.metric.a, 1e-4), b=0.3 / steps),
+        max_steps=10 * steps, events=events, bounds=(-1e-6, np.inf),
+    )  # fmt: skip
+    return Path((*path.points, *more.points[1:]), more.outcome, (*path.events, *more.events))
