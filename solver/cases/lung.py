@@ -8,7 +8,8 @@ another with e from 0 to 1, and any number of stages may follow each other:
     lung = Lung()
     body = hexahedra(lung, 2)
     inflated = run(scene(body, lung, Tissue(), REST, INFLATED))
-    punctured = run(scene(body, lung, Tissue(), INFLATED, PUNCTURED), inflated.last.x)
+    stage = scene(body, lung, Tissue(), INFLATED, PUNCTURED)
+    punctured = run(stage, inflated.last.x, steps=20, over="settle")
 
 Fibres run along the great circle of the nearest bundle. Where three bundles meet, the planes that
 halve the angles divide the joint among them, as a carpenter's mitre does: each share keeps the
@@ -27,13 +28,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from solver.body import Body
-from solver.cases.lung_geometry import MIRRORS, PARTS, Lung, unit
-from solver.continuation import ArcLength, LoadSteps, Path, load, trace
+from solver.cases.lung_geometry import PARTS, Lung, unit
+from solver.continuation import ArcLength, LoadSteps, Path, trace
 from solver.growth import AlongFibre, General, Growth, Isotropic
 from solver.materials import NeoHookean, SmallStrain
-from solver.newton import Outcome
 from solver.pressure import Pressure
 from solver.scene import Fixed, Row, Scene, rotation_row, translation_row
+from solver.settle import Settle
 from solver.terms import Elastic, Traction
 
 FIBRES = ("along", "isotropic", "blended")
@@ -202,24 +203,45 @@ def run(
     steps: int = 10,
     rtol: float = 1e-7,
     events: bool = True,
-    arc: bool = True,
+    over: str | None = "arc",
 ) -> Path:
     """The stage from the unknowns ``x`` (None: undeformed) to e = 1.
 
-    Load steps as far as they go. Where one fails, the path passes a limit or nearly so: with
-    ``arc`` it goes on by arc length, over limit points, until it meets e = 1 or comes back to its
-    start. The outcome says which, and the events where it turned.
+    Load steps as far as they go. Where one fails the path passes a limit, or nearly so, and
+    ``over`` says how it goes on: "arc" over limit points by arc length, until it meets e = 1 or is
+    back at its start; "settle" down the energy to the next stable state, as a real lung would;
+    None ends there. The outcome says whether e = 1 was reached, the events where the path turned.
+
+    Raises ValueError for another ``over``.
     """
+    if over not in ("arc", "settle", None):
+        raise ValueError(f"over = {over!r}; expected 'arc', 'settle' or None")
     x = np.zeros(stage.size) if x is None else x
-    path = trace(
-        stage, x, LoadSteps(rtol=rtol, step=1 / steps, smallest=0.05),
-        max_steps=40 * steps, events=events,
-    )  # fmt: skip
-    if path.reached or not arc or not path.points:
+    loads = LoadSteps(rtol=rtol, step=1 / steps, smallest=0.05)
+    path = trace(stage, x, loads, max_steps=40 * steps, events=events)
+    if path.reached or over is None or not path.points:
         return path
     last = path.last
+    if over == "settle":
+        stepper, bounds = Settle(loads, cuts=1), (-np.inf, np.inf)
+    else:
+        stepper = ArcLength(rtol=rtol, a=max(last.metric.a, 1e-4), b=0.3 / steps)
+        bounds = (0.0, np.inf)
     more = trace(
-        stage, last, ArcLength(rtol=rtol, a=max(last.metric.a, 1e-4), b=0.3 / steps),
-        max_steps=10 * steps, events=events, bounds=(-1e-6, np.inf),
-    )  # fmt: skip
-    return Path((*path.points, *more.points[1:]), more.outcome, (*path.events, *more.events))
+        stage, last, stepper, max_steps=6 * steps, events=events and over == "arc", bounds=bounds
+    )
+    points, found = (*path.points, *more.points[1:]), (*path.events, *more.events)
+    return Path(points, more.outcome, found)
+
+
+def to_limit(stage: Scene, path: Path, *, step: float, rtol: float = 1e-7) -> Path:
+    """From the end of a path of load steps by arc length to the limit point ahead, where the load
+    is largest, and ends there (REACHED). ``step``: the arc's first step in e."""
+    arc = ArcLength(rtol=rtol, a=max(path.last.metric.a, 1e-4), b=step)
+    return trace(stage, path.last, arc, until=lambda p: p.tangent[-1], max_steps=100, events=False)
+
+
+def inner_stretch(body: Body, lung: Lung, u: np.ndarray) -> float:
+    """Mean current radius of the lumen's wall over its reference radius."""
+    wall = body.nodes_of("inner")
+    return float(np.linalg.norm(body.nodes[wall] + u[wall], axis=1).mean() / (1 - lung.epithelium))

@@ -2,13 +2,13 @@
 
 Each face of an icosahedron is divided into n² triangles, their vertices are projected onto the
 sphere, and the centroids of neighbours are joined by great-circle arcs (§3.3.1): 12 pentagons and
-10 (n² − 1) hexagons for every n. The tiling has the full icosahedral group, of order 120, and so has
-the lung. The coordinate planes are mirror planes; the wedge between the axis of a pentagon A, of an
-icosahedron's edge B = z and of its face C is the 120th that all of it is made of.
+10 (n² − 1) hexagons for every n. Tiling and lung have the full icosahedral group, of order 120. The
+coordinate planes are mirror planes; the wedge between the axes of a pentagon A, of an icosahedron's
+edge B = z and of its face C is the 120th that all of it is made of.
 
 Everything here is directions and angles; lengths are in units of the sphere's radius R. A flag is a
-tile, one of its corners and one of its edges there: a triangle (centre, middle of the edge, corner).
-The sphere has 120 n² of them, the wedge n²; no mirror plane cuts one.
+tile, one of its corners and one of its edges there: the triangle of the tile's centre, the edge's
+middle and the corner. The sphere has 120 n² of them, the wedge n²; no mirror plane cuts one.
 """
 
 from __future__ import annotations
@@ -216,9 +216,8 @@ class Lung:
         """Width over R at which the first hole has lost an edge or its middle."""
         t = self.tiling
         tile, _, edge = t.flags.T
-        low, high = 0.0, 2 * np.arcsin(
-            np.einsum("fi,fi->f", t.inward(tile, edge), t.centres[tile]).min()
-        )
+        apothem = np.einsum("fi,fi->f", t.inward(tile, edge), t.centres[tile]).min()
+        low, high = 0.0, 2 * np.arcsin(apothem)
         for _ in range(40):
             middle = (low + high) / 2
             low, high = (middle, high) if _open(t, middle) else (low, middle)
@@ -251,9 +250,9 @@ class Holes:
         """The rims x · n = sin(w/2R) of bundles of that width."""
         tile, corner, edge = flags.T
         s = np.sin(width / 2)
-        O, M, V = t.centres[tile], t.middles[edge], t.corners[corner]
+        centre, M, V = t.centres[tile], t.middles[edge], t.corners[corner]
         n = t.inward(tile, edge)
-        side = unit(O - np.einsum("fi,fi->f", O, M)[:, None] * M)
+        side = unit(centre - np.einsum("fi,fi->f", centre, M)[:, None] * M)
         sine = s / np.einsum("fi,fi->f", side, n)[:, None]
         at_middle = np.sqrt(np.maximum(1 - sine**2, 0)) * M + sine * side
         # The tile's other edge at this corner.
@@ -266,7 +265,7 @@ class Holes:
         across *= np.sign(np.einsum("fi,fi->f", across, V))[:, None]
         rest = 1 - np.einsum("fi,fi->f", a * (n + m), a * (n + m))
         at_corner = a * (n + m) + np.sqrt(np.maximum(rest, 0))[:, None] * across
-        return cls(O, M, V, n, at_middle, at_corner, float(s))
+        return cls(centre, M, V, n, at_middle, at_corner, float(s))
 
 
 def _open(t: Tiling, width: float) -> bool:

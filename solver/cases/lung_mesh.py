@@ -10,6 +10,7 @@ share the nodes of their contact; the boundary "inner" is the lumen's wall.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 import skfem
@@ -39,11 +40,11 @@ class Counts:
 LEVELS = (
     Counts(),
     Counts(rim=1, hole=2, epithelium=2),
-    Counts(rim=2, hole=3, epithelium=2, muscle=2),
-    Counts(rim=3, hole=5, strip=2, epithelium=3, muscle=2),
-    Counts(rim=4, hole=7, strip=3, epithelium=4, muscle=4),
+    Counts(rim=2, hole=3, strip=2, epithelium=2),
+    Counts(rim=3, hole=5, strip=3, epithelium=3, muscle=2),
+    Counts(rim=4, hole=7, strip=4, epithelium=4, muscle=3),
 )
-RATIO = 3.0  # longest over shortest step from the rim to the middle of a hole
+RATIO = 3.0  # longest over shortest step away from the rim, where the stress is singular
 
 
 def slerp(a: np.ndarray, b: np.ndarray, t: np.ndarray) -> np.ndarray:
@@ -94,7 +95,7 @@ def _blocks(h: Holes, c: Counts) -> tuple[np.ndarray, np.ndarray]:
         ends = [unit(p - s * h.normal) for p in (h.at_middle, h.at_corner)]
         return s * n + level * slerp(*ends, t)
 
-    t = _halves(np.linspace(0, 1, c.strip + 1))
+    t = _halves(graded(0, 1, c.strip, toward="b", ratio=RATIO if c.strip > 1 else 1.0))
     edge, inner = slerp(h.middle, h.corner, full), rim(full)
     strip = unit(
         (1 - t)[None, None, :, None] * edge[:, :, None] + t[None, None, :, None] * inner[:, :, None]
@@ -138,7 +139,7 @@ def hexahedra(
         layers.append((strip, outside))
     faces, low, high = [], [], []
     for quads, r in layers:
-        for a, b in zip(r[:-1], r[1:], strict=True):
+        for a, b in pairwise(r):
             faces.append(quads)
             low.append(np.full(len(quads), a))
             high.append(np.full(len(quads), b))
