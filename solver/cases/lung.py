@@ -102,40 +102,30 @@ def rigid_rows(body: Body) -> list[Row]:
     return [make(body, axis) for make in (translation_row, rotation_row) for axis in range(3)]
 
 
-def fibre_directions(body: Body, lung: Lung) -> np.ndarray:
-    """Unit vectors (m, q, 3) along the nearest bundle at every quadrature point."""
-    X = body.points()
+def fibre_directions(lung: Lung, X: np.ndarray) -> np.ndarray:
+    """Unit vectors along the nearest bundle at positions X (..., 3), of the same shape."""
     flat = X.reshape(-1, 3)
     normals = lung.tiling.normals[lung.tiling.nearest_edge(flat)]
     return unit(np.cross(normals, flat)).reshape(X.shape)
 
 
-def blended_fibres(body: Body, lung: Lung) -> np.ndarray:
-    """Mean of f ⊗ f (m, q, 3, 3), of trace 1, over the bundles nearby.
+def blended_fibres(lung: Lung, X: np.ndarray) -> np.ndarray:
+    """Mean of f ⊗ f, of trace 1, over the bundles near positions X (..., 3): (..., 3, 3).
 
-    Each bundle's weight is (1 − d²/r²)² of the distance d from its arc within the reach r = w, the
-    width, so that beside a joint one bundle is left.
+    The weight of a bundle is (1 − d²/w²)² of the angle d to its arc within the width w, so that one
+    bundle alone is left a width away from a joint.
     """
-    t, X = lung.tiling, body.points()
-    d = unit(X.reshape(-1, 3))
+    t, d = lung.tiling, unit(X.reshape(-1, 3))
     out = np.zeros((len(d), 3, 3))
-    nearest = t.nearest_edge(d)
-    for k in range(len(t.edges)):
-        ends = t.corners[t.edges[k]]
-        off = d @ t.normals[k]
-        along = (d @ t.middles[k]) / np.sqrt(np.maximum(1 - off**2, 1e-300))
-        inside = along >= np.sqrt(1 - (t.lengths[k] / 2) ** 2)
-        angle = np.where(
-            inside, np.abs(np.arcsin(np.clip(off, -1, 1))),
-            np.arccos(np.clip((d @ ends.T).max(axis=1), -1, 1)),
-        )  # fmt: skip
-        share = np.clip(1 - (angle / lung.bundle) ** 2, 0, None) ** 2
-        share = np.where(nearest == k, np.maximum(share, 1e-12), share)
-        hit = np.flatnonzero(share)
-        f = unit(np.cross(t.normals[k], d[hit]))
-        out[hit] += share[hit, None, None] * f[:, :, None] * f[:, None, :]
-    out /= np.trace(out, axis1=1, axis2=2)[:, None, None]
-    return out.reshape(*X.shape, 3)
+    nearest, angles = t.nearest_edge(d), t.angles(d)
+    share = np.clip(1 - (angles / lung.bundle) ** 2, 0, None) ** 2
+    # Outside of all bundles the nearest one counts, however far.
+    every = np.arange(len(d))
+    share[every, nearest] = np.maximum(share[every, nearest], 1e-12)
+    at, edge = np.nonzero(share)
+    f = unit(np.cross(t.normals[edge], d[at]))
+    np.add.at(out, at, share[at, edge, None, None] * f[:, :, None] * f[:, None, :])
+    return (out / share.sum(axis=1)[:, None, None]).reshape(*X.shape, 3)
 
 
 def scene(
@@ -191,8 +181,8 @@ def _growth(body, lung, tissue, before: float, after: float, muscle: np.ndarray)
     if tissue.fibres == "isotropic":
         return Isotropic(g, cells=muscle)
     if tissue.fibres == "along":
-        return AlongFibre(g, fibre_directions(body, lung), cells=muscle)
-    dyads = blended_fibres(body, lung)
+        return AlongFibre(g, fibre_directions(lung, body.points()), cells=muscle)
+    dyads = blended_fibres(lung, body.points())
     return General(lambda e: np.eye(3) + g(e) * dyads, cells=muscle)
 
 

@@ -133,27 +133,25 @@ class Tiling:
         sign = np.where(self.sides[edge, 0] == tile, 1.0, -1.0)
         return sign[:, None] * self.normals[edge]
 
+    def angles(self, X: np.ndarray) -> np.ndarray:
+        """Angle in radians from each direction of X (p, 3) to the arc of each edge, (p, k)."""
+        x = unit(np.asarray(X, dtype=float))
+        off = x @ self.normals.T
+        beside = x @ self.middles.T / np.sqrt(np.maximum(1 - off**2, 1e-300))
+        first, second = (x @ self.corners[self.edges[:, k]].T for k in (0, 1))
+        return np.where(
+            beside >= np.sqrt(1 - (self.lengths / 2) ** 2),
+            np.abs(np.arcsin(np.clip(off, -1, 1))),
+            np.arccos(np.clip(np.maximum(first, second), -1, 1)),
+        )
+
     def nearest_edge(self, X: np.ndarray) -> np.ndarray:
         """Number of the edge whose arc is nearest to each direction of X (p, 3).
 
         The planes that halve the angles at a corner divide its three edges.
         """
-        d = unit(np.asarray(X, dtype=float))
-        out = np.empty(len(d), int)
-        half = np.cos(np.arcsin(self.lengths / 2))  # of the angle that an edge spans
-        for start in range(0, len(d), 20000):
-            x = d[start : start + 20000]
-            off = x @ self.normals.T
-            along = x @ self.middles.T / np.sqrt(np.maximum(1 - off**2, 1e-300))
-            to_end = np.maximum(
-                x @ self.corners[self.edges[:, 0]].T, x @ self.corners[self.edges[:, 1]].T
-            )
-            distance = np.where(
-                along >= half, np.arcsin(np.clip(np.abs(off), 0, 1)),
-                np.arccos(np.clip(to_end, -1, 1)),
-            )  # fmt: skip
-            out[start : start + 20000] = distance.argmin(axis=1)
-        return out
+        parts = [self.angles(X[k : k + 20000]).argmin(axis=1) for k in range(0, len(X), 20000)]
+        return np.concatenate(parts)
 
     def tiles_of(self, X: np.ndarray, slack: float = 1e-9) -> list[np.ndarray]:
         """For each tile, which of the positions X (p, 3) lie in it, its rim included."""
