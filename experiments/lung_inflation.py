@@ -57,7 +57,7 @@ class Config:
     contraction: float = -0.4
     pressure_drop: float = 0.1
     steps: int = 10
-    levels: tuple[int, ...] = (0, 1, 2, 3)
+    levels: tuple[int, ...] = (0, 1, 2)
     tets: tuple[float, ...] = (0.0345, 0.02)
     tets10: tuple[float, ...] = (0.06, 0.0345)
     spheres: tuple[str, ...] = ()

@@ -80,7 +80,7 @@ def panel(count: int = 1) -> tuple:
     """A figure of ``count`` axes with room for the statements below."""
     figure = Figure(figsize=(4.0 * count + 0.6, 4.3), dpi=200)
     figure.subplots_adjust(left=0.13 if count == 1 else 0.09, right=0.97, top=0.92,
-                           bottom=0.42, wspace=0.28)  # fmt: skip
+                           bottom=0.36, wspace=0.28)  # fmt: skip
     return figure, *figure.subplots(1, count, squeeze=False)[0]
 
 
@@ -103,11 +103,12 @@ def plot_pressure(
         for k, (name, values) in enumerate(lines.items()):
             ax.plot(loads, values, "--" if k else "-", lw=1 if k else 1.4, color=LINES[k],
                     label=name)  # fmt: skip
+        asked = [row["pressure"] for row in rows]
+        ax.axvspan(min(asked), max(asked), color="0.9", lw=0, label="pressures asked for")
         for row in rows:
+            name = None if row["reached"] else f"{row['case']}: not reached"
             ax.axvline(row["pressure"], color="0.6" if row["reached"] else LINES[1], lw=0.8,
-                       ls="-" if row["reached"] else ":")  # fmt: skip
-            ax.annotate(row["case"], (row["pressure"], 0), (1, 4), textcoords="offset points",
-                        fontsize=6.5, rotation=90, va="bottom")  # fmt: skip
+                       ls="-" if row["reached"] else ":", label=name)  # fmt: skip
         if limit:
             ax.plot(loads[-1], next(iter(lines.values()))[-1], "k*", ms=8, label="limit point")
         ax.set(xlabel=PRESSURE, ylabel="aspect ratio")
