@@ -31,12 +31,12 @@ from foldlab.lung_plots import (
 )
 from solver.body import Body
 from solver.cases import lung as case
-from solver.cases.lung import REST, State, Tissue, scene, to_limit
-from solver.cases.lung_measures import Measures, measure, section
+from solver.cases.lung import REST, State, scene, to_limit
+from solver.cases.lung_measures import Measures, measure, radial
 from solver.cases.lung_mesh import hexahedra, tetrahedra
+from solver.cases.lung_paths import Paths
 from solver.cases.lung_stability import Classes, total
 from solver.continuation import Path
-from solver.scene import Scene
 
 
 @dataclass(frozen=True)
@@ -72,49 +72,18 @@ TINY = Config(
 )  # fmt: skip
 
 
-class Bench:
-    """Lung, mesh, and paths that several studies use, each followed once."""
+class Bench(Paths):
+    """What the studies share: the lung's paths, and two states."""
 
     def __init__(self, config: Config):
+        lung, self.tissue = prepared(checked(config))
+        super().__init__(lung, config.level, config.steps)
         self.config = config
-        self.lung, self.tissue = prepared(replace_settings(config))
-        self.body = hexahedra(self.lung, config.level)
         self.full = State(config.pressure)
         self.low = config.pressure * (1 - config.pressure_drop)
-        self._paths: dict[tuple, tuple[Scene, Path]] = {}
-
-    def path(self, tissue: Tissue, *states: State) -> tuple[Scene, Path]:
-        """The last stage of a path from rest through the states; it settles where it contracts."""
-        key = (tissue, *states)
-        if key not in self._paths:
-            before, x = REST, None
-            if len(states) > 1:
-                _, done = self.path(tissue, *states[:-1])
-                if not done.reached:
-                    raise InputError(
-                        f"the pressure {states[-2].pressure:g} is not reached: the path ends at "
-                        f"{states[-2].pressure * done.last.e:.4g} ({done.outcome.value}); take less"
-                    )
-                before, x = states[-2], done.last.x
-            stage = scene(self.body, self.lung, tissue, before, states[-1])
-            bends = states[-1].contraction != before.contraction
-            path = case.run(
-                stage, x, steps=(2 if bends else 1) * self.config.steps, events=False,
-                over="settle" if bends and tissue.model == "advanced" else None,
-            )  # fmt: skip
-            self._paths[key] = stage, path
-        return self._paths[key]
-
-    def measures(self, stage: Scene, path: Path) -> list[Measures]:
-        """Of all points of a path."""
-        return [self.at(stage, p) for p in path.points]
-
-    def at(self, stage: Scene, point) -> Measures:
-        """Of one point."""
-        return measure(stage.body, self.lung, stage.displacement(point.x, point.e))
 
 
-def replace_settings(config: Config):
+def checked(config: Config):
     """The inflation's settings that are these too, for its checks."""
     from experiments.lung_inflation import Config as Inflation
 
@@ -135,17 +104,11 @@ class Study:
     finding: str
 
 
-def to_full(stage: Scene, path: Path, steps: int) -> Path:
-    """The path and its way on to the limit point, if there is one ahead."""
-    ahead = to_limit(stage, path, step=0.3 / steps)
-    return Path((*path.points, *ahead.points[1:]), ahead.outcome, ())
-
-
 def pressure(bench: Bench) -> Study:
     """± 5 % and the limit."""
     config = bench.config
-    stage, path = bench.path(bench.tissue, bench.full)
-    ahead = to_full(stage, path, config.steps)
+    stage, path = bench.stage(bench.tissue, bench.full)
+    ahead = bench.beyond(stage, path)
     top = config.pressure * ahead.last.e if ahead.reached else np.inf
     rows = []
     for share in config.shares:
@@ -157,7 +120,7 @@ def pressure(bench: Bench) -> Study:
             found = bench.at(done, end.last)
             row |= {"reached": end.reached, "aspect": found.aspect, "depth": found.depth}
         rows.append(row)
-    found = bench.measures(stage, ahead)
+    found = bench.along(stage, ahead)
     loads = config.pressure * ahead.loads
     lines = {"all of the epithelium": [m.aspect for m in found]}
     for edges, name in ((6, "hexagons"), (5, "pentagons")):
@@ -172,7 +135,7 @@ def pressure(bench: Bench) -> Study:
     if beyond:
         finding += (
             f" There is no equilibrium at {', '.join(beyond)} on this path: the pressure has its "
-            f"limit point at {top:.4f}, {100 * (top / config.pressure - 1):+.1f} % from p_fin."
+            f"limit point at {top:.4f}, {100 * (top / config.pressure - 1):+.1f} % from $p_{fin}$."
         )
     return Study(
         rows, figure,
@@ -185,55 +148,76 @@ def contraction(bench: Bench) -> Study:
     """How far the muscle contracts, with the pressure a tenth lower and with none."""
     config, rows, curves = bench.config, [], {}
     for g in config.contractions:
-        stage, path = bench.path(bench.tissue, bench.full, State(bench.low, g))
-        found = bench.measures(stage, path)
+        stage, path = bench.stage(bench.tissue, bench.full, State(bench.low, g))
+        found = bench.along(stage, path)
         rows.append(row_of(f"g = {g:g}, p = {bench.low:.3g}", path, found, g=g))
         curves[rows[-1]["case"]] = (-g * path.loads, [m.aspect for m in found])
     g = min(config.contractions)
-    stage, path = bench.path(bench.tissue, State(0.0, g))
-    found = bench.measures(stage, path)
+    stage, path = bench.stage(bench.tissue, State(0.0, g))
+    found = bench.along(stage, path)
     dry = row_of(f"g = {g:g}, p = 0", path, found, g=g)
-    shrunk = found[-1].spacing / found[0].spacing - 1
+    shrunk, wet = found[-1].spacing / found[0].spacing - 1, rows[-1]
     curves[dry["case"]] = (-g * path.loads, [m.aspect for m in found])
-    figure = plot_curves(curves, "contraction |g|")
+    cuts = {}
+    if config.n == 2:
+        cuts["without pressure"] = bench.cut(stage, path)
+        cuts["with pressure"] = bench.cut(
+            *bench.stage(bench.tissue, bench.full, State(bench.low, g))
+        )
+    figure = plot_curves(curves, "contraction |g|", cuts, f"g = {g:g}, cut x = 0")
     grows = all(a["aspect"] < b["aspect"] for a, b in pairwise(rows))
-    ratio = dry["aspect"] / rows[-1]["aspect"]
-    sizes = ", ".join(f"{r['aspect']:.3f} at {-100 * r['g']:.0f} %" for r in rows)
+    sizes = ", ".join(f"{r['aspect']:.3f} at {abs(100 * r['g']):.0f} %" for r in rows)
     finding = (
-        f"aspect ratio {sizes}; "
-        f"without pressure {dry['aspect']:.3f} ({100 * ratio:.0f} % of that with), the spacing "
-        f"changes by {100 * shrunk:.0f} %."
+        f"under pressure the aspect ratio is {sizes}. Without it the spacing changes by "
+        f"{100 * shrunk:.0f} % and the epithelium moves {'in' if dry['highest'] < 0.02 else 'out'}"
+        f"wards (by {dry['lowest']:.2f} to {dry['highest']:.2f} R; with it {wet['lowest']:.2f} to "
+        f"{wet['highest']:.2f}), yet it bulges through the shrinking cage as deep as "
+        f"{100 * dry['depth'] / wet['depth']:.0f} % of that under pressure: aspect ratio "
+        f"{dry['aspect']:.3f}."
     )
-    verdict = "agrees" if grows and ratio < 0.5 else "partly" if grows or ratio < 0.5 else "differs"
+    if any(cut.overlaps for cut in cuts.values()):
+        finding += " Bulges pass into the bundles there: contact between them is not modelled."
+    parts = [
+        "shrinking agrees" if shrunk < 0 and dry["highest"] < 0.02 else "shrinking differs",
+        "no protrusion without pressure: " + ("agrees" if dry["aspect"] < wet["aspect"] / 2
+                                              else "differs at this contraction"),
+        "longer with contraction: " + ("agrees" if grows else "differs"),
+    ]  # fmt: skip
     return Study(
         [*rows, dry], figure,
-        "contraction without pressure only bends and shrinks the lung; with pressure, more "
-        "contraction makes the protrusions longer.", verdict, finding,
+        "contraction without pressure bends and shrinks the lung and hardly pushes the epithelium "
+        "out; with pressure, more contraction makes the protrusions longer.", "; ".join(parts),
+        finding,
     )  # fmt: skip
 
 
 def fibres(bench: Bench) -> Study:
     """Along the fibres, with mitred and with blended joints, and in all directions."""
-    config, rows, curves = bench.config, [], {}
+    config, rows, curves, fields = bench.config, [], {}, []
     g = min(config.contractions)
+    shell = np.unique(bench.body.cells[bench.body.cells_of("epithelium")])
     kinds = {"along": "along fibres, mitred joints", "blended": "along fibres, blended joints",
              "isotropic": "isotropic"}  # fmt: skip
     for kind, name in kinds.items():
         tissue = replace(bench.tissue, fibres=kind)
-        bench._paths.setdefault((tissue, bench.full), bench.path(bench.tissue, bench.full))
-        stage, path = bench.path(tissue, bench.full, State(bench.low, g))
-        found = bench.measures(stage, path)
+        stage, path = bench.stage(tissue, bench.full, State(bench.low, g))
+        found = bench.along(stage, path)
         rows.append(row_of(kind, path, found, g=g))
         curves[name] = (-g * path.loads, [m.aspect for m in found])
+        u = stage.displacement(path.last.x, path.last.e)
+        fields.append(radial(bench.body, u)[shell])
     figure = plot_curves(curves, "contraction |g|")
     along, blended, isotropic = (r["aspect"] for r in rows)
     apart, joints = isotropic / along - 1, blended / along - 1
+    same = float(np.corrcoef(fields[0], fields[2])[0, 1])
     return Study(
         rows, figure,
         "isotropic contraction and contraction along the fibres give the same pattern of "
-        "deformation.", "agrees" if abs(apart) < 0.15 else "differs",
-        f"at |g| = {-g:g} the aspect ratio is {along:.3f} along the fibres and {isotropic:.3f} "
-        f"({100 * apart:+.0f} %) isotropic; blended joints change it by {100 * joints:+.0f} %.",
+        "deformation.",
+        f"{'agrees' if same > 0.95 else 'differs'} on the pattern; the depth depends on it",
+        f"at |g| = {-g:g} the radial displacements of the two correlate to {same:.3f}; the aspect "
+        f"ratio is {along:.3f} along the fibres and {isotropic:.3f} ({100 * apart:+.0f} %) "
+        f"isotropic, and {blended:.3f} ({100 * joints:+.0f} %) with blended joints.",
     )  # fmt: skip
 
 
@@ -248,7 +232,7 @@ def stiffness(bench: Bench) -> Study:
             tissue = replace(bench.tissue, stiffness=E)
             stage = scene(body, bench.lung, tissue, REST, bench.full)
             path = case.run(stage, steps=config.steps, events=False, over=None)
-            ahead = to_full(stage, path, config.steps)
+            ahead = bench.beyond(stage, path)
             low = scene(body, bench.lung, tissue, REST, State(config.low_pressure))
             at_low = case.run(low, steps=config.steps, events=False, over=None)
             row = row_of(f"{name}, {E:g}", path, [bench.at(stage, path.last)])
@@ -283,8 +267,15 @@ def stiffness(bench: Bench) -> Study:
             f"to {ends[1]:.3f} at {held['stiffness'].iloc[-1]:g}"
         )
     flat = len(held) > 1 and abs(held["aspect"].iloc[-1] / held["aspect"].iloc[0] - 1) < 0.1
-    verdict = f"plateau: {'agrees' if flat else 'differs'}; threshold: "
-    verdict += "a limit of the pressure, not of the shape" if len(lost) else "agrees"
+    low = own[own["low"].notna()]
+    if len(low) > 1:
+        finding += (
+            f". At p = {config.low_pressure:g}, which all of them carry, it rises smoothly from "
+            f"{low['low'].iloc[0]:.3f} at {low['stiffness'].iloc[0]:g} to {low['low'].iloc[-1]:.3f}"
+        )
+    verdict = f"plateau {'agrees' if flat else 'differs'}"
+    if len(lost):
+        verdict += "; below it no threshold of the shape but a limit of the pressure"
     return Study(
         rows, figure,
         "at one final pressure no protrusions worth the name below E_sm/E_ep of about 25, and a "
@@ -300,12 +291,12 @@ def model(bench: Bench) -> Study:
         tissue = replace(bench.tissue, model=kind)
         for name, states in (("inflated", (bench.full,)),
                              ("punctured", (bench.full, State(bench.low, g)))):  # fmt: skip
-            stage, path = bench.path(tissue, *states)
+            stage, path = bench.stage(tissue, *states)
             u = stage.displacement(path.last.x, path.last.e)
             row = row_of(f"{kind}, {name}", path, [measure(bench.body, bench.lung, u)])
             if config.n == 2:
-                cut = section(bench.body, bench.lung, u)
-                cuts[kind, name] = cut
+                cut = bench.cut(stage, path)
+                cuts.setdefault(f"{name}, cut x = 0", {})[kind] = cut
                 row["sharpest"] = cut.sharpest
             rows.append(row)
     figure = plot_models(cuts, rows)
@@ -339,7 +330,7 @@ def stability(bench: Bench) -> Study:
         ("puncture", (bench.full, State(bench.low, g))),
     ):
         before = states[-2] if len(states) > 1 else REST
-        stage, path = bench.path(bench.tissue, *states)
+        stage, path = bench.stage(bench.tissue, *states)
         points = [*path.points[:: config.stability_every], path.last]
         if name == "inflation":
             points += to_limit(stage, path, step=0.1 / config.steps).points[1:]
@@ -378,6 +369,7 @@ def row_of(case: str, path: Path, found: list[Measures], **more) -> dict:
     last = found[-1]
     return {
         "case": case, **more, "aspect": last.aspect, "depth": last.depth, "spacing": last.spacing,
+        "lowest": last.lowest, "highest": last.highest,
         "thinnest": last.thinnest, "variation": last.variation, "inverted": last.inverted,
         "unstable_even": path.last.unstable, "reached": path.reached,
         "snaps": sum(event.kind in ("snap", "bifurcation") for event in path.events),
@@ -397,7 +389,10 @@ def run(config: Config, tracker) -> dict[str, Any]:
     bench, table, verdicts = Bench(config), [], {}
     for name in config.studies:
         start = time.process_time()
-        study = STUDIES[name](bench)
+        try:
+            study = STUDIES[name](bench)
+        except ValueError as error:
+            raise InputError(str(error)) from error
         seconds = time.process_time() - start
         figure = signed(study.figure, study.claim, study.finding, study.verdict)
         save_figure(figure, f"lung_{name}")

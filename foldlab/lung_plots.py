@@ -116,15 +116,38 @@ def plot_pressure(
     return figure
 
 
-def plot_curves(curves: Mapping[str, tuple], label: str) -> Figure:
-    """Aspect ratio over something, a line per case."""
+def plot_curves(
+    curves: Mapping[str, tuple],
+    label: str,
+    cuts: Mapping[str, object] | None = None,
+    title: str = "",
+) -> Figure:
+    """Aspect ratio over something, a line per case; sections beside it where there are some."""
     with mpl.rc_context(STYLE):
-        figure, ax = panel()
+        figure, ax, *right = panel(2 if cuts else 1)
         for k, (name, (along, values)) in enumerate(curves.items()):
             ax.plot(along, values, "o-", ms=2.5, color=LINES[k % len(LINES)], label=name)
         ax.set(xlabel=label, ylabel="aspect ratio")
         ax.legend()
+        if cuts:
+            draw_sections(right[0], cuts, title)
     return figure
+
+
+def draw_sections(ax, cuts: Mapping[str, object], title: str) -> None:
+    """Sections over each other, bundles hatched.
+
+    Each has the ``lines`` of the epithelium's faces and the outline of the ``bundle``.
+    """
+    for (name, cut), colour in zip(cuts.items(), LINES, strict=False):
+        inner, outer = cut.lines
+        ax.fill(*np.concatenate([inner, outer[::-1]]).T, color=colour, alpha=0.25, lw=0)
+        ax.plot(*inner.T, color=colour, lw=1, label=name)
+        ax.plot(*outer.T, color=colour, lw=1)
+        ax.fill(*cut.bundle.T, facecolor="none", edgecolor=colour, hatch="/////", lw=0.8)
+    ax.set(xlabel="y / R", ylabel="z / R", title=title)
+    ax.set_aspect("equal", adjustable="datalim")
+    ax.legend(loc="upper right")
 
 
 def plot_stiffness(table: pd.DataFrame, pressure: float, low: float) -> Figure:
@@ -148,11 +171,8 @@ def plot_stiffness(table: pd.DataFrame, pressure: float, low: float) -> Figure:
     return figure
 
 
-def plot_models(cuts: Mapping[tuple[str, str], object], rows: Sequence[Mapping]) -> Figure:
-    """Sections of both models, inflated and punctured; bars where there is no section.
-
-    A section has the ``lines`` of the epithelium's faces and the outline of the ``bundle``.
-    """
+def plot_models(cuts: Mapping[str, Mapping[str, object]], rows: Sequence[Mapping]) -> Figure:
+    """Sections of both models, a panel per state; bars where there are no sections."""
     with mpl.rc_context(STYLE):
         if not cuts:
             figure, ax = panel()
@@ -160,18 +180,9 @@ def plot_models(cuts: Mapping[tuple[str, str], object], rows: Sequence[Mapping])
             ax.tick_params(axis="x", labelsize=6)
             ax.set_ylabel("aspect ratio")
             return figure
-        figure, *axes = panel(2)
-        for ax, name in zip(axes, ("inflated", "punctured"), strict=True):
-            for kind, colour in (("advanced", LINES[0]), ("primitive", LINES[1])):
-                cut = cuts[kind, name]
-                inner, outer = cut.lines
-                ax.fill(*np.concatenate([inner, outer[::-1]]).T, color=colour, alpha=0.25, lw=0)
-                ax.plot(*inner.T, color=colour, lw=1, label=kind)
-                ax.plot(*outer.T, color=colour, lw=1)
-                ax.fill(*cut.bundle.T, facecolor="none", edgecolor=colour, hatch="/////", lw=0.8)
-            ax.set(xlabel="y / R", ylabel="z / R", title=f"{name}, cut x = 0")
-            ax.set_aspect("equal")
-            ax.legend(loc="lower left")
+        figure, *axes = panel(len(cuts))
+        for ax, (title, pair) in zip(axes, cuts.items(), strict=True):
+            draw_sections(ax, pair, title)
     return figure
 
 

@@ -37,14 +37,16 @@ class Cell:
 
 @dataclass(frozen=True)
 class Measures:
-    """Depth and spacing in R, their ratio, the cells, and the epithelium's thickness over h_ep.
+    """Lowest and highest radial displacement of the epithelium and the spacing in R, the cells, and
+    the epithelium's thickness over h_ep.
 
     ``thinnest``, ``thickest``: quantiles of 1 and 99 % of the reference volume, for corners are
     singular; ``variation``: standard deviation over mean; ``inverted``: share of the volume that is
     turned inside out, which only the primitive model allows.
     """
 
-    depth: float
+    lowest: float
+    highest: float
     spacing: float
     cells: tuple[Cell, ...]
     thinnest: float
@@ -52,6 +54,11 @@ class Measures:
     mean_thickness: float
     variation: float
     inverted: float
+
+    @property
+    def depth(self) -> float:
+        """Highest less lowest, in R."""
+        return self.highest - self.lowest
 
     @property
     def aspect(self) -> float:
@@ -96,8 +103,8 @@ def measure(body: Body, lung: Lung, u: np.ndarray) -> Measures:
     mean = np.average(ratio, weights=weights)
     spread = np.sqrt(np.average((ratio - mean) ** 2, weights=weights))
     return Measures(
-        float(np.ptp(out)), float(spacing), tuple(cells), float(thin), float(thick), float(mean),
-        float(spread / mean), inverted,
+        float(out.min()), float(out.max()), float(spacing), tuple(cells), float(thin), float(thick),
+        float(mean), float(spread / mean), inverted,
     )  # fmt: skip
 
 
@@ -129,6 +136,20 @@ class Section:
         sides = [np.linalg.norm(d, axis=1) for d in (b - a, c - b, c - a)]
         (x1, y1), (x2, y2) = (b - a).T, (c - a).T
         return float((2 * np.abs(x1 * y2 - x2 * y1) / np.prod(sides, axis=0)).max())
+
+    @property
+    def overlaps(self) -> bool:
+        """Whether the epithelium's outer face enters the bundle: contact is not modelled."""
+        if not len(self.bundle):
+            return False
+        middle = self.bundle.mean(axis=0)
+        # A little smaller, so that the common face is outside.
+        a = middle + 0.98 * (self.bundle - middle)
+        b, p = np.roll(a, -1, axis=0), self.lines[1][:, None]
+        crosses = (a[:, 1] > p[..., 1]) != (b[:, 1] > p[..., 1])
+        step = np.where(b[:, 1] == a[:, 1], np.inf, b[:, 1] - a[:, 1])
+        at = a[:, 0] + (p[..., 1] - a[:, 1]) / step * (b[:, 0] - a[:, 0])
+        return bool(((crosses & (p[..., 0] < at)).sum(axis=1) % 2).any())
 
 
 def section(body: Body, lung: Lung, u: np.ndarray) -> Section:
