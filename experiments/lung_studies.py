@@ -135,7 +135,7 @@ def pressure(bench: Bench) -> Study:
     if beyond:
         finding += (
             f" There is no equilibrium at {', '.join(beyond)} on this path: the pressure has its "
-            f"limit point at {top:.4f}, {100 * (top / config.pressure - 1):+.1f} % from $p_{fin}$."
+            f"limit point at {top:.4f}, {100 * (top / config.pressure - 1):+.1f} % from p = {config.pressure:g}."
         )
     return Study(
         rows, figure,
