@@ -134,8 +134,8 @@ def pressure(bench: Bench) -> Study:
     finding = f"aspect ratio {sizes}."
     if beyond:
         finding += (
-            f" There is no equilibrium at {', '.join(beyond)} on this path: the pressure has its "
-            f"limit point at {top:.4f}, {100 * (top / config.pressure - 1):+.1f} % from p = {config.pressure:g}."
+            f" There is no equilibrium at {', '.join(beyond)} on this path: the limit point is at "
+            f"p = {top:.4f}, {100 * (top / config.pressure - 1):.1f} % above {config.pressure:g}."
         )
     return Study(
         rows, figure,
