@@ -12,6 +12,7 @@ from __future__ import annotations
 import resource
 import sys
 import time
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -31,6 +32,7 @@ from solver.cases.lung_measures import measure, radial
 from solver.cases.lung_mesh import LEVELS, Counts, hexahedra, tetrahedra
 from solver.cases.lung_stability import Classes, spread, total
 from solver.continuation import ArcLength, LoadSteps, trace
+from solver.materials import NeoHookean
 from solver.output import Series
 
 # Thick neo-Hookean sphere, ν = 0.3, h = 0.05 of the mid-surface's radius: p/E over the inner
@@ -78,26 +80,31 @@ SPHERES = {
 }
 
 
-def prepared(config: Config) -> tuple[Lung, Tissue]:
-    """Lung and tissues; raises InputError for what they refuse."""
+def prepared(config, contraction: float, levels: Sequence[int]) -> tuple[Lung, Tissue]:
+    """Lung and tissues of settings; raises InputError for what they refuse.
+
+    ``config`` has sizes, stiffness, pressure, pressure_drop and steps, as ``Config`` here.
+    """
     try:
-        for state in ((config.pressure, 0.0), (config.pressure, config.contraction)):
-            State(*state)
+        State(config.pressure, contraction)
         lung = Lung(config.n, config.epithelium, config.muscle, config.width)
         tissue = Tissue(config.stiffness, config.nu)
+        NeoHookean(1.0, config.nu)
     except ValueError as error:
         raise InputError(str(error)) from error
-    for name, known in (("levels", range(len(LEVELS))), ("spheres", SPHERES)):
-        if unknown := [v for v in getattr(config, name) if v not in known]:
-            raise InputError(
-                f"{name} holds {unknown[0]!r}; there are: {', '.join(map(str, known))}"
-            )
+    known(levels, range(len(LEVELS)), "level")
     if not 0 <= config.pressure_drop <= 1 or config.steps < 1 or config.pressure == 0:
         raise InputError(
             f"pressure = {config.pressure}, pressure_drop = {config.pressure_drop}, steps = "
             f"{config.steps}; expected a pressure, a drop between 0 and 1 and steps of at least 1"
         )
     return lung, tissue
+
+
+def known(given: Sequence, there: Iterable, name: str) -> None:
+    """Raises InputError for the first of ``given`` that is not there."""
+    if unknown := [value for value in given if value not in there]:
+        raise InputError(f"no {name} {unknown[0]!r}; there are: {', '.join(map(str, there))}")
 
 
 def memory() -> float:
@@ -173,8 +180,11 @@ def inflate(name: str, body: Body, lung: Lung, tissue: Tissue, config: Config, l
 
 
 def run(config: Config, tracker) -> dict[str, Any]:
-    lung, tissue = prepared(config)
-    sphere = thick_sphere(max(config.levels[0], 0))
+    lung, tissue = prepared(config, config.contraction, config.levels)
+    known(config.spheres, SPHERES, "sphere")
+    if not config.levels:
+        raise InputError("levels is empty; give at least one level of hexahedra")
+    sphere = thick_sphere(min(config.levels))
     tracker.table("thick_sphere", pd.DataFrame(sphere))
     rows, curves = [], {}
     meshes = [(f"hex27, level {k}", lambda k=k: hexahedra(lung, k)) for k in config.levels]

@@ -146,7 +146,7 @@ def draw_sections(ax, cuts: Mapping[str, object], title: str) -> None:
         ax.plot(*outer.T, color=colour, lw=1)
         ax.fill(*cut.bundle.T, facecolor="none", edgecolor=colour, hatch="/////", lw=0.8)
     ax.set(xlabel="y / R", ylabel="z / R", title=title)
-    ax.set_aspect("equal", adjustable="datalim")
+    ax.set_aspect("equal", adjustable="box")
     ax.legend(loc="upper right")
 
 
@@ -166,7 +166,7 @@ def plot_stiffness(table: pd.DataFrame, pressure: float, low: float) -> Figure:
         right.axhline(pressure, color="0.6", lw=0.8, zorder=0)
         ax.set(xlabel=r"$E_{sm}/E_{ep}$", ylabel="aspect ratio")
         right.set(xlabel=r"$E_{sm}/E_{ep}$", ylabel=r"largest pressure $p/E_{ep}$")
-        ax.legend(fontsize=6.5)
+        ax.legend(fontsize=6.5, loc="center", bbox_to_anchor=(0.66, 0.37))
         right.legend()
     return figure
 
@@ -200,6 +200,8 @@ def plot_stability(table: pd.DataFrame) -> Figure:
                         label=column)  # fmt: skip
             ax.plot(part[along], part["unstable"].astype(float), "ko-", ms=3, label="whole sphere")
             ax.set(title=name, ylabel="unstable modes", xlabel=label)
+            ax.set_ylim(-0.5, max(4.5, 1.1 * part["unstable"].max()))
+            ax.yaxis.get_major_locator().set_params(integer=True)
             if name == "puncture":
                 ax.invert_xaxis()
             ax.legend(fontsize=7)

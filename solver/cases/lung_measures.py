@@ -130,8 +130,10 @@ class Section:
 
     @property
     def sharpest(self) -> float:
-        """Largest curvature R κ of the inner face, from circles through three neighbours."""
+        """Largest curvature R κ of the inner face, from circles through three neighbours; at the
+        hexagon's axis too, a mirror of the cut."""
         p = self.lines[0]
+        p = np.concatenate([p[1:2] * (-1, 1), p])
         a, b, c = p[:-2], p[1:-1], p[2:]
         sides = [np.linalg.norm(d, axis=1) for d in (b - a, c - b, c - a)]
         (x1, y1), (x2, y2) = (b - a).T, (c - a).T
