@@ -13,6 +13,7 @@ from matplotlib.cm import ScalarMappable
 from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 from matplotlib.image import imread
+from matplotlib.ticker import MaxNLocator
 
 from foldlab.lung_render import COLOURS
 from foldlab.plots import LINES, STYLE
@@ -25,17 +26,19 @@ def plot_pictures(
 ) -> Figure:
     """The pictures side by side, each with the scale of its colours."""
     with mpl.rc_context(STYLE):
-        figure = Figure(figsize=(2.75 * len(images), 3.3), layout="constrained", dpi=200)
+        figure = Figure(figsize=(2.75 * len(images), 3.65), layout="constrained", dpi=200)
         axes = figure.subplots(1, len(images), squeeze=False)[0]
         for ax, path, title, (low, high) in zip(axes, images, titles, limits, strict=True):
             ax.imshow(imread(path))
             ax.set_title(title)
             ax.set_axis_off()
             scale = ScalarMappable(Normalize(low, high), COLOURS)
-            figure.colorbar(
+            bar = figure.colorbar(
                 scale, ax=ax, orientation="horizontal", shrink=0.7, pad=0.02,
                 label="epithelium's radial displacement / R",
             )  # fmt: skip
+            bar.locator = MaxNLocator(4)
+            bar.ax.set_visible(high - low > 2e-3)
     return figure
 
 
