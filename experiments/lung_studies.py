@@ -156,9 +156,12 @@ def contraction(bench: Bench) -> Study:
         )
     figure = plot_curves(curves, "contraction |g|", cuts, f"g = {g:g}, cut x = 0")
     grows = all(a["aspect"] < b["aspect"] for a, b in pairwise(rows))
+    start, full = bench.stage(bench.tissue, bench.full)
+    inflated = bench.at(start, full.last).aspect
     sizes = ", ".join(f"{r['aspect']:.3f} at {abs(100 * r['g']):.0f} %" for r in rows)
     finding = (
-        f"under pressure the aspect ratio is {sizes}. Without it the spacing changes by "
+        f"the aspect ratio is {inflated:.3f} inflated, and with a lower pressure and contraction "
+        f"{sizes}. Without pressure the spacing changes by "
         f"{100 * shrunk:.0f} % and the epithelium moves {'in' if dry['highest'] < 0.02 else 'out'}"
         f"wards (by {dry['lowest']:.2f} to {dry['highest']:.2f} R; with it {wet['lowest']:.2f} to "
         f"{wet['highest']:.2f}), yet it bulges through the shrinking cage as deep as "
