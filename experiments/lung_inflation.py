@@ -203,7 +203,7 @@ def run(config: Config, tracker) -> dict[str, Any]:
     for row in rows:
         row["beside_finest"] = row["aspect"] / finest["aspect"] - 1
     tracker.table("meshes", pd.DataFrame(rows))
-    figure = plot_inflation(sphere, RADIAL, rows, curves, config.pressure)
+    figure = plot_inflation(sphere, RADIAL | {LIMIT_STRETCH: LIMIT}, rows, curves, config.pressure)
     save_figure(figure, "lung_inflation")
     tracker.figure("lung_inflation", figure)
     result = {
