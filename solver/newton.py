@@ -43,6 +43,10 @@ class Outcome(Enum):
     MIN_STEP = "the step fell below its minimum; the path stops at the last converged point"
     MAX_STEPS = "the steps allowed were used up; the path stops at the last converged point"
     OUT_OF_BOUNDS = "the load left its bounds; the path stops at the last point within them"
+    DISSIPATION = (
+        "the dashpots gave energy instead of taking it, and a shorter step does not help; the path "
+        "stops at the last state before"
+    )
     NO_BRANCH = "no second branch was found along the critical vector"
 
 

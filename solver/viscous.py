@@ -15,7 +15,6 @@ from solver.body import Body
 from solver.fields import Points
 from solver.growth import Growth
 from solver.kernels import deform
-from solver.materials import lame
 from solver.rheology import Rheology, Spring, branches
 from solver.terms import CHUNK, Elastic
 from solver.viscous_kernel import BRANCH, HEAD, nine, six, step

@@ -59,13 +59,18 @@ def _full(x, out):
 
 
 @numba.njit(cache=True, inline="always")
+def _product(A, B, out):
+    for i in range(3):
+        for j in range(3):
+            out[i, j] = A[i, 0] * B[0, j] + A[i, 1] * B[1, j] + A[i, 2] * B[2, j]
+
+
+@numba.njit(cache=True, inline="always")
 def _sandwich(a, p, out, A, B, T):
     """a p a of symmetric tensors; leaves a in A and the result in B."""
     _full(a, A)
     _full(p, B)
-    for i in range(3):
-        for j in range(3):
-            T[i, j] = A[i, 0] * B[0, j] + A[i, 1] * B[1, j] + A[i, 2] * B[2, j]
+    _product(A, B, T)
     for i in range(3):
         for j in range(i, 3):
             v = T[i, 0] * A[0, j] + T[i, 1] * A[1, j] + T[i, 2] * A[2, j]
@@ -222,9 +227,7 @@ def step(F, table, order, w, P, A, inner):
                     # |Y^-1/2 d Y^-1/2|, below 1 where Y + d is positive.
                     _full(d, D3)
                     size = 0.0
-                    for i in range(3):
-                        for j in range(3):
-                            T[i, j] = M1[i, 0] * D3[0, j] + M1[i, 1] * D3[1, j] + M1[i, 2] * D3[2, j]
+                    _product(M1, D3, T)
                     for i in range(3):
                         for j in range(3):
                             size += T[i, j] * T[j, i]
@@ -279,9 +282,10 @@ def step(F, table, order, w, P, A, inner):
             if order < 1:
                 continue
             _full(g, T)
+            _product(f, T, P[c, q])
             for i in range(3):
                 for j in range(3):
-                    P[c, q, i, j] = 2.0 * (f[i, 0] * T[0, j] + f[i, 1] * T[1, j] + f[i, 2] * T[2, j])
+                    P[c, q, i, j] *= 2.0
             if order < 2:
                 continue
             _full(Ci, M1)

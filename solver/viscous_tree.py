@@ -92,7 +92,7 @@ def _series(parts, C, data, at):
     U, begin = data.found[:, joint].copy(), list(at)
     for _ in range(ITERATIONS):
         at[:] = begin
-        w, gU, HU, rest = _split(parts, C, nine(U), data, at)
+        _, gU, HU, _ = _split(parts, C, nine(U), data, at)
         values, vectors = np.linalg.eigh(HU)
         size = np.abs(values).max(axis=1, keepdims=True)
         safe = np.maximum(np.abs(values), 1e-10 * size)
