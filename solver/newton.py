@@ -245,7 +245,8 @@ def downhill(
         return None
     # ψ near 0 is a difference of numbers near 1: the energy of a thin body is roundoff to ~1e-6,
     # and only the slopes are to be believed (Hager and Zhang 2005, approximate Wolfe).
-    noise = 1e-6 * (abs(start) + abs(system.energy))
+    # Next to no strain at all it is roundoff of the scene's own energy.
+    noise = 1e-6 * (abs(start) + abs(system.energy)) + 1e-15 * scene.scales.energy
     t, seen = share, False
     while t > 1e-4 * share:
         trial = x + t * dx
