@@ -17,7 +17,7 @@ from solver.growth import Growth
 from solver.kernels import deform
 from solver.rheology import Rheology, Spring, branches
 from solver.terms import CHUNK, Elastic
-from solver.viscous_kernel import BRANCH, HEAD, nine, six, step
+from solver.viscous_kernel import BRANCH, HEAD, inverse, nine, six, step
 from solver.viscous_tree import Inadmissible, respond
 from solver.viscous_tree import Points as TreePoints
 
@@ -77,10 +77,10 @@ class Past:
         """Constant 6 (a₁ − a₂) of the potential, P and Q (m, q, dashpots, 6)."""
         a1, a2 = self.weights()
         Q = a1 * self.before.strains
-        P = a1 * six(np.linalg.inv(nine(self.before.strains)))
+        P = a1 * inverse(self.before.strains)
         if self.earlier is not None:
             Q = Q + a2 * self.earlier.strains
-            P = P + a2 * six(np.linalg.inv(nine(self.earlier.strains)))
+            P = P + a2 * inverse(self.earlier.strains)
         return 6 * (a1 + a2), P, Q
 
     @property
@@ -134,7 +134,7 @@ class Increment:
             part = table[..., HEAD + BRANCH * n : HEAD + BRANCH * (n + 1)]
             _fill(part, left, right, shapes, rates, number)
             before = self.past.before.strains[:, :, number[right[0]]]
-            part[..., HEAD:] = six(np.linalg.inv(nine(before)))
+            part[..., HEAD:] = inverse(before)
         return table
 
     def kernel(self, F, table, order, psi, P, A) -> bool:
@@ -193,7 +193,7 @@ class Increment:
         for leaf in dashpots:
             strains[:, :, number[leaf]] = six(np.swapaxes(F, 2, 3) @ F)
         for n, (_, right) in enumerate(maxwell):
-            C = six(np.linalg.inv(nine(inner[:, :, n])))
+            C = inverse(inner[:, :, n])
             for leaf in right:
                 strains[:, :, number[leaf]] = C
         return strains, np.empty((c, q, 0, 6))
@@ -292,8 +292,7 @@ class Viscous(Elastic):
         """
         shape = self.body.weights.shape
         _, P, Q = self.past.tensors()
-        C = nine(after.strains)
-        Ci = np.linalg.inv(C)
+        Ci = nine(inverse(after.strains))
         stress = P - six(Ci @ nine(Q) @ Ci)
         change = after.strains - self.past.before.strains
         work = (stress * change).sum(-1)

@@ -35,6 +35,20 @@ def nine(x: np.ndarray) -> np.ndarray:
     return (x / S6)[..., V9]
 
 
+def inverse(x: np.ndarray) -> np.ndarray:
+    """Inverses of symmetric tensors, all as vectors (..., 6)."""
+    flat = np.ascontiguousarray(x, dtype=float).reshape(-1, 6)
+    out = np.empty_like(flat)
+    _inverses(flat, out)
+    return out.reshape(x.shape)
+
+
+@numba.njit(cache=True)
+def _inverses(x, out):
+    for n in range(len(x)):
+        _inverse(x[n], out[n])
+
+
 @numba.njit(cache=True, inline="always")
 def _inverse(x, out):
     """Inverse of a symmetric tensor, vectors of six; returns the determinant."""
