@@ -15,6 +15,8 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
+from matplotlib.colors import LinearSegmentedColormap
+from scipy.spatial import cKDTree
 
 from experiments.common import OUT, main, save_figure
 from foldlab.errors import InputError
@@ -24,6 +26,9 @@ from solver.cases.tissue import Model, ramp
 from solver.evolution import TimeSteps, march, start
 from solver.output import Series, grid
 from solver.patterns import read_pattern
+
+# Of β from 0 to 1.
+COLOURS = LinearSegmentedColormap.from_list("pattern", ["#9DB4CC", "#E2A33B"])
 
 
 @dataclass(frozen=True)
@@ -162,10 +167,14 @@ def warped(model: Model, shapes, mirrors: Sequence[str]):
     """The deformed whole at each shape as PyVista grids, β in [0, 1] as point data."""
     import pyvista
 
+    # What lies next to a node, for means over cells as thick as the shell would hide the pattern.
+    body = model.body
+    beta = np.broadcast_to(model.beta.reshape(*model.beta.shape[:1], -1), body.weights.shape)
+    near = cKDTree(body.points().reshape(-1, 3)).query(body.nodes)[1]
     out = []
     for _, u in shapes:
-        part = pyvista.wrap(grid(model.body, u, cell_data={"beta": model.beta}))
-        part = part.cell_data_to_point_data().warp_by_vector("displacement")
+        data = grid(body, u, point_data={"beta": beta.ravel()[near]})
+        part = pyvista.wrap(data).warp_by_vector("displacement")
         for normal in mirrors:
             part = part.merge(part.reflect({"x": (1, 0, 0), "y": (0, 1, 0), "z": (0, 0, 1)}[
                 normal]), merge_points=False)  # fmt: skip
@@ -173,14 +182,14 @@ def warped(model: Model, shapes, mirrors: Sequence[str]):
     return out
 
 
-def panel(plotter, place, shape, camera, *, edges=False) -> None:
+def panel(plotter, place, shape, camera) -> None:
     """One picture: a grid's surface coloured by β, seen by a camera of parallel rays."""
     surface = shape.extract_surface(nonlinear_subdivision=3, algorithm="dataset_surface")
     plotter.subplot(*place)
     plotter.add_mesh(
         surface.compute_normals(feature_angle=40, split_vertices=True), scalars="beta",
-        clim=(0, 1), cmap=["#9DB4CC", "#E2A33B"], show_scalar_bar=False, smooth_shading=True,
-        ambient=0.25, diffuse=0.75, show_edges=edges, preference="point",
+        clim=(0, 1), cmap=COLOURS, show_scalar_bar=False, smooth_shading=True, ambient=0.3,
+        diffuse=0.7,
     )  # fmt: skip
     towards, up, focus, reach = camera
     focus = np.array(focus, float)
@@ -203,7 +212,7 @@ def draw(model: Model, shapes, path) -> None:
         panel(plotter, (0, k), half, ((-1, 0, 0), (0, 0, 1), (0, 0, 0), 0.5))
         along = warped(model, shapes[k : k + 1], ("x",))[0]
         panel(plotter, (1, k), along, ((0, -1, 0), (0, 0, 1), (0, 0, 0), 0.8))
-        panel(plotter, (2, k), shape, ((0.5, 0.6, -1), (0, 0, 1), (0, 0, 0), 0.8))
+        panel(plotter, (2, k), shape, ((0.25, -0.75, -1), (0, 0, 1), (0, 0, 0), 0.75))
     plotter.screenshot(str(path))
     plotter.close()
 
@@ -215,17 +224,19 @@ def framed(path, shapes, contraction: float):
 
     image = mpl.image.imread(str(path))
     with mpl.rc_context(STYLE):
-        width = 6.4
-        figure = Figure(figsize=(width, width * image.shape[0] / image.shape[1] + 0.35))
-        ax = figure.add_axes((0, 0, 1, 1 - 0.35 / figure.get_figheight()))
+        width, top, bottom = 6.4, 0.35, 0.62
+        height = width * image.shape[0] / image.shape[1] + top + bottom
+        figure = Figure(figsize=(width, height))
+        ax = figure.add_axes((0, bottom / height, 1, 1 - (top + bottom) / height))
         ax.imshow(image)
         ax.axis("off")
         for k, (share, _) in enumerate(shapes):
-            figure.text((k + 0.5) / len(shapes), 1 - 0.22 / figure.get_figheight(),
-                        f"$|g| = {share * contraction:.2f}$", ha="center")  # fmt: skip
+            figure.text((k + 0.5) / len(shapes), 1 - 0.22 / height,
+                        f"$|g| = {share * contraction:.2g}$", ha="center")  # fmt: skip
+        bar = figure.add_axes((0.35, 0.44 / height, 0.3, 0.1 / height))
+        scale = mpl.cm.ScalarMappable(mpl.colors.Normalize(0, 1), COLOURS)
+        figure.colorbar(scale, cax=bar, orientation="horizontal", label=r"pattern $\beta$")
     return figure
-
-
 
 
 if __name__ == "__main__":

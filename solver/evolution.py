@@ -328,19 +328,21 @@ def _attempt(scene, terms, state, stepper, t, dt, e) -> State | tuple[Outcome, i
         if any(memory is None for memory in memories):
             return Outcome.INADMISSIBLE, spent
         level = Level(t, found.x, memories)
-        works = [term.dissipation(m, e) for term, m in zip(following, memories, strict=True)]
-        total = sum(
-            term.integral(work.sum(-1), e) for term, work in zip(following, works, strict=True)
+        shares = [term.dissipation(m, e) for term, m in zip(following, memories, strict=True)]
+        works = [work for _, work in shares]
+        taken, worked = (
+            sum(term.integral(v[k].sum(-1), e) for term, v in zip(following, shares, strict=True))
+            for k in (0, 1)
         )
         least = min((float(w[term.ids].min()) for term, w in zip(following, works, strict=True)
                      if w.size), default=0.0)  # fmt: skip
-        if not _dissipates(works, total, order):
+        if not _dissipates(works, worked, order):
             failed = Outcome.DISSIPATION
             continue
         past = (state.level, *state.past)[:3]
         return State(
             level, past, e, state.index + 1, 0.0, dt, order, spent,
-            _error(level, past, order), state.dissipated + total, least,
+            _error(level, past, order), state.dissipated + taken, least,
         )  # fmt: skip
     return failed, spent
 
@@ -387,4 +389,3 @@ def _error(level: Level, past: tuple[Level, ...], order: int) -> float:
         strains = sum(s * a.memories[j].strains for s, a in zip(shares, levels, strict=True))
         most = max(most, float(np.abs(strains).max(initial=0.0)))
     return factor * most / 2
-

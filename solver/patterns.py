@@ -22,9 +22,7 @@ class Pattern:
     that the data doesn't cover.
     """
 
-    def __init__(
-        self, points: np.ndarray, values: np.ndarray, *, name: str = "field", reach=None
-    ):
+    def __init__(self, points: np.ndarray, values: np.ndarray, *, name: str = "field", reach=None):
         """Raises ValueError for fewer than four points, points in one plane, and values that are
         not finite."""
         points, values = np.asarray(points, dtype=float), np.asarray(values, dtype=float)

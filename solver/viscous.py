@@ -113,9 +113,7 @@ class Increment:
             for leaf in self.rheology.leaves()
         }
         constant, P, Q = self._tensors
-        rates = np.concatenate(
-            [np.empty((*P.shape[:3], 2)), P, Q], axis=-1
-        )  # (m, q, dashpots, 14)
+        rates = np.concatenate([np.empty((*P.shape[:3], 2)), P, Q], axis=-1)  # (m, q, dashpots, 14)
         for j, leaf in enumerate(self.rheology.dashpots):
             rates[:, :, j, 0] = shapes[leaf][..., 0] / (8 * self.past.dt)
             rates[:, :, j, 1] = constant
@@ -284,26 +282,31 @@ class Viscous(Elastic):
             strains[ids], joints[ids] = found
         return Memory(strains, joints)
 
-    def dissipation(self, after: Memory, e: float) -> np.ndarray:
-        """Work done on each dashpot over the step, per grown volume, (m, q, dashpots), in stress.
+    def dissipation(self, after: Memory, e: float) -> tuple[np.ndarray, np.ndarray]:
+        """Energy taken by each dashpot over the step per grown volume, and the work done on it.
 
-        The stress of the end, ∂(Δt φ)/∂C, times the change of C: η Δt D : D to first order, and
-        never negative with backward Euler while every C is positive.
+        Both (m, q, dashpots), in stress. Taken: η Δt D : D with D from end to end of the step,
+        exact to second order. Work: the stress at the end, ∂(Δt φ)/∂C, times the change of C; with
+        backward Euler it is never negative while every C is positive.
         """
-        shape = self.body.weights.shape
-        _, P, Q = self.past.tensors()
-        Ci = nine(inverse(after.strains))
-        stress = P - six(Ci @ nine(Q) @ Ci)
-        change = after.strains - self.past.before.strains
+        past, shape = self.past, self.body.weights.shape
+        _, P, Q = past.tensors()
+        inverses = nine(inverse(after.strains)), nine(inverse(past.before.strains))
+        stress = P - six(inverses[0] @ nine(Q) @ inverses[0])
+        change = after.strains - past.before.strains
         work = (stress * change).sum(-1)
+        change = nine(change)
+        taken = 2 * np.einsum(
+            "...ij,...ji->...", change @ inverses[0], change @ inverses[1], optimize=True
+        )
         for j, leaf in enumerate(self.rheology.dashpots):
-            work[:, :, j] *= leaf.viscosity(e, shape, self.body.points) / (8 * self.past.dt)
-        return work
+            k = leaf.viscosity(e, shape, self.body.points) / (8 * past.dt)
+            work[:, :, j] *= k
+            taken[:, :, j] *= k
+        return taken, work
 
     def integral(self, density: np.ndarray, e: float) -> float:
         """∫ Jg · density dV₀ over the term's cells; density (m, q)."""
         J = self._at(e)[2]
         weights = self.body.weights * J if len(J) else self.body.weights
         return float((weights * density)[self.ids].sum())
-
-

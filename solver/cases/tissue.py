@@ -14,8 +14,8 @@ import numpy as np
 
 from solver.body import Body, Surface
 from solver.growth import Apical
-from solver.rheology import SLS, Rheology
 from solver.materials import Material, NeoHookean
+from solver.rheology import SLS, Rheology
 from solver.scene import Fixed, Scene, Term
 from solver.terms import Elastic
 from solver.viscous import Viscous
@@ -94,8 +94,8 @@ def evaluated(body: Body, beta: Beta) -> np.ndarray:
         )
     if not ((values >= 0) & (values <= 1)).all():
         raise ValueError(
-            f"beta runs from {np.nanmin(values):.4g} to {np.nanmax(values):.4g}; expected values in "
-            "[0, 1]: scale the pattern and put its strength into the contraction"
+            f"beta runs from {np.nanmin(values):.4g} to {np.nanmax(values):.4g}; expected values "
+            "in [0, 1]: scale the pattern and put its strength into the contraction"
         )
     return values
 
