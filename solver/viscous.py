@@ -16,6 +16,7 @@ from solver.fields import Points
 from solver.growth import Growth
 from solver.kernels import deform
 from solver.rheology import Rheology, Spring, branches
+from solver.scene import Scene
 from solver.terms import CHUNK, Elastic
 from solver.viscous_kernel import BRANCH, HEAD, inverse, nine, six, step
 from solver.viscous_tree import Inadmissible, respond
@@ -310,3 +311,32 @@ class Viscous(Elastic):
         J = self._at(e)[2]
         weights = self.body.weights * J if len(J) else self.body.weights
         return float((weights * density)[self.ids].sum())
+
+
+def softened(
+    scene: Scene,
+    rheology: Rheology,
+    *,
+    dt: float,
+    cells: np.ndarray | None = None,
+    term: str = "elastic",
+) -> Scene:
+    """The scene with the material of its Elastic term ``term`` swapped for a rheology.
+
+    On all cells of the term, or on a mask (m,) of them; the others stay elastic. Growth, supports
+    and all other terms stay as they are, and so does the analysed pattern. Raises ValueError if the
+    scene has no such term, or the mask none of its cells.
+    """
+    found = [t for t in scene.terms if isinstance(t, Elastic) and t.name == term]
+    if not found:
+        names = ", ".join(t.name for t in scene.terms if isinstance(t, Elastic)) or "none"
+        raise ValueError(f"no Elastic term {term!r}; there are: {names}")
+    (old,) = found
+    mine = np.zeros(len(old.body.cells), bool)
+    mine[old.ids] = True
+    chosen = mine if cells is None else mine & np.asarray(cells)
+    rest = mine & ~chosen
+    new: list = [Viscous(old.body, rheology, old.growth, dt=dt, cells=chosen)]
+    if rest.any():
+        new.append(Elastic(old.body, old.material, old.growth, cells=rest, name=term))
+    return scene.with_terms([n for t in scene.terms for n in (new if t is old else [t])])

@@ -47,7 +47,7 @@ def respond(tree: Rheology, C: np.ndarray, data: Points):
 def _visit(part, C, data, at):
     if isinstance(part, Spring):
         at[0] += 1
-        return _spring(C, *data.moduli[:, at[0] - 1].T)
+        return spring(C, *data.moduli[:, at[0] - 1].T)
     if isinstance(part, Dashpot):
         at[1] += 1
         data.strains[:, at[1] - 1] = six(C)
@@ -58,13 +58,14 @@ def _visit(part, C, data, at):
     return _series(part.parts, C, data, at)
 
 
-def _pair(X, Z):
-    """The operator B → sym(½ (X B Z + Z B X)) as (n, 6, 6)."""
+def pair(X, Z):
+    """The operator B → ½ (X B Z + Z B X) on symmetric tensors as (n, 6, 6)."""
     half = X[:, None] @ BASIS @ Z[:, None]
     return six(half + np.swapaxes(half, -1, -2)) / 2
 
 
-def _spring(C, lam, mu):
+def spring(C, lam, mu):
+    """ψ, dψ/dC (n, 6) and d²ψ/dC² (n, 6, 6) of a neo-Hookean spring; C (n, 3, 3)."""
     det = np.linalg.det(C)
     if not (np.isfinite(det) & (det > 0)).all():
         raise Inadmissible
@@ -72,7 +73,7 @@ def _spring(C, lam, mu):
     s, c = (lam * x - mu) / 2, six(Ci)
     w = mu / 2 * (np.trace(C, axis1=1, axis2=2) - 3 - 2 * x) + lam / 2 * x * x
     g = mu[:, None] / 2 * six(np.eye(3)) + s[:, None] * c
-    H = lam[:, None, None] / 4 * c[:, :, None] * c[:, None, :] - s[:, None, None] * _pair(Ci, Ci)
+    H = lam[:, None, None] / 4 * c[:, :, None] * c[:, None, :] - s[:, None, None] * pair(Ci, Ci)
     return w, g, H
 
 
@@ -82,7 +83,7 @@ def _dashpot(C, rates):
     R = Ci @ Q @ Ci
     w = k * ((six(C) * P).sum(1) + (six(Ci) * six(Q)).sum(1) - constant)
     g = k[:, None] * (P - six(R))
-    return w, g, 2 * k[:, None, None] * _pair(Ci, R)
+    return w, g, 2 * k[:, None, None] * pair(Ci, R)
 
 
 def _series(parts, C, data, at):

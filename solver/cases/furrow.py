@@ -82,9 +82,9 @@ class Counts:
 
 LEVELS = (
     Counts(4, 5, 5, 1),
-    Counts(6, 8, 8, 1),
-    Counts(8, 12, 12, 1),
-    Counts(10, 16, 14, 2),
+    Counts(6, 8, 8, 2),
+    Counts(8, 12, 12, 2),
+    Counts(12, 16, 16, 3),
 )
 
 
