@@ -257,7 +257,7 @@ def warn_unresolved(terms, dt: float, load, t: float, until: float) -> None:
 
 def _advance(scene, terms, state, stepper, target, load, jumps) -> State | Outcome:
     step = state.step if state.step > 0 else stepper.step
-    spent, failed = 0, Outcome.MIN_STEP
+    spent, failed = 0, None
     while step >= stepper.smallest * stepper.step:
         left = target - state.t
         # The last two steps share what is left; fixed steps keep to their size.
@@ -278,8 +278,6 @@ def _advance(scene, terms, state, stepper, target, load, jumps) -> State | Outco
                     step = dt * max(0.2, share)
                     continue
                 following = dt * min(2.0, max(0.2, share))
-                if dt < step * 0.999 and following > dt:
-                    following = max(following, step * min(1.0, share))
                 following = min(following, stepper.largest * stepper.step)
             else:
                 following = min(stepper.step, 4 * step)
@@ -291,7 +289,7 @@ def _advance(scene, terms, state, stepper, target, load, jumps) -> State | Outco
         failed, cost = found
         spent += cost
         step = dt / 4
-    return failed
+    return failed if failed is Outcome.DISSIPATION else Outcome.MIN_STEP
 
 
 def _attempt(scene, terms, state, stepper, t, dt, e) -> State | tuple[Outcome, int]:
