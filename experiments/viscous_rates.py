@@ -35,16 +35,18 @@ from solver.viscous_tree import spring as spring_response
 
 @dataclass(frozen=True)
 class Config:
-    """``ratios``: growth time over η/E_m; ``steps`` per contraction; ``divisions``: numbers of
-    steps for the order; ``mesh``: element:level."""
+    """``ratios``: growth time over η/E_m; ``tolerance`` of steps in strain; ``stiff``: E_m of the
+    passive part over E_s in the second tissue; ``rest``: relaxation times waited for after the
+    contraction; ``divisions``: numbers of steps for the order; ``mesh``: element:level."""
 
     seed: int = 0
     mesh: str = "hex20:0"
     ratios: tuple[float, ...] = (0.01, 0.03, 0.1, 0.3, 1.0, 3.0, 10.0, 30.0, 100.0)
     tolerance: float = 1e-3
     stiff: float = 4.0
+    rest: float = 40.0
     contraction: float = 0.5
-    divisions: tuple[int, ...] = (5, 10, 20, 40, 80)
+    divisions: tuple[int, ...] = (10, 20, 40, 80, 160)
     cost_meshes: tuple[str, ...] = ("hex20:0", "hex27:0")
 
 
@@ -89,7 +91,7 @@ def tissues(config: Config) -> dict[str, Tissue]:
 
 
 def shape_study(config: Config) -> list[dict]:
-    """Depth and indentation at the end of the contraction and ten relaxation times later, and those
+    """Depth and indentation at the end of the contraction and after a long rest, and those
     of the elastic limits."""
     rows = []
     for name, tissue in tissues(config).items():
@@ -108,7 +110,7 @@ def shape_study(config: Config) -> list[dict]:
             options = {"load": ramp(t_fin), "breaks": (t_fin,)}
             path = evolve(scene, start(scene), stepper, until=t_fin, **options)
             rows.append(measured(model, scene, path.last.x, name, "grown", ratio, path))
-            path = evolve(scene, path.last, stepper, until=t_fin + 10 * tau, **options)
+            path = evolve(scene, path.last, stepper, until=t_fin + config.rest * tau, **options)
             rows.append(measured(model, scene, path.last.x, name, "rested", ratio, path))
     return rows
 
@@ -139,6 +141,13 @@ def verdict(shapes: pd.DataFrame) -> dict[str, Any]:
         first, last = grown.iloc[0], grown.iloc[-1]
         out[f"fast_limit_error_{key}"] = abs(first["indentation"] - fast["indentation"]) / scale
         out[f"slow_limit_error_{key}"] = abs(last["indentation"] - slow["indentation"]) / scale
+        decides = out[f"grown_spread_{key}"] > 0.05
+        out[f"verdict_{key}"] = (
+            f"{tissue}: the ratio {'decides' if decides else 'does not decide'} the shape at the "
+            f"end of the contraction (indentations differ by {out[f'grown_spread_{key}']:.1%}, the "
+            f"elastic limits by {out[f'limits_differ_{key}']:.1%}); after a rest they differ by "
+            f"{out[f'rested_spread_{key}']:.1%}"
+        )
     return out
 
 
@@ -326,8 +335,9 @@ def plot(config: Config, shapes: pd.DataFrame, orders: pd.DataFrame):
         left, right = figure.subplots(1, 2, width_ratios=(1.5, 1))
         for colour, (tissue, part) in zip(LINES, shapes.groupby("tissue", sort=False),
                                           strict=False):  # fmt: skip
+            later = f"{config.rest:g} relaxation times later"
             for when, marker, text in (("grown", "o-", "end of contraction"),
-                                       ("rested", "s:", "10 relaxation times later")):  # fmt: skip
+                                       ("rested", "s:", later)):  # fmt: skip
                 rows = part[part["when"] == when]
                 left.semilogx(rows["ratio"].astype(float), rows["indentation"], marker,
                               color=colour, ms=3, lw=1, label=f"{tissue}, {text}")  # fmt: skip
@@ -344,6 +354,8 @@ def plot(config: Config, shapes: pd.DataFrame, orders: pd.DataFrame):
             rows = orders[orders["order"] == order]
             right.loglog(rows["n"], rows["error"], "o-", color=colour, ms=3, lw=1,
                          label=f"order {order}: slope {slope(rows):.2f}")  # fmt: skip
+        right.set_xticks(config.divisions, [str(n) for n in config.divisions])
+        right.minorticks_off()
         right.set_xlabel(r"steps over $t_\mathrm{fin} = 2\tau$")
         right.set_ylabel("largest error of displacement (share)")
         right.legend(fontsize=7)

@@ -152,6 +152,11 @@ class _Group(Rheology):
         if not flat:
             raise ValueError(f"{type(self).__name__}() has no parts; give at least one")
         self.parts: tuple[Rheology, ...] = tuple(flat)
+        if len({id(dashpot) for dashpot in self.dashpots}) < len(self.dashpots):
+            raise ValueError(
+                "one Dashpot stands twice in the tree, and each has a memory of its own; make "
+                "another one with the same eta"
+            )
 
     def leaves(self):
         for part in self.parts:

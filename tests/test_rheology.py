@@ -10,6 +10,7 @@ import solver.viscous
 from solver.fields import Unphysical
 from solver.growth import General, Isotropic, Orthotropic
 from solver.materials import NeoHookean
+from solver.output import cell_fields
 from solver.rheology import (
     SLS,
     Dashpot,
@@ -115,6 +116,18 @@ def test_slow_and_fast_steps_are_elastic(dt, E):
     assert mine.energy == approx(elastic.energy, rel=1e-6)
 
 
+def test_stress_is_written_out_as_of_an_elastic_term():
+    body, u = BODIES["hex8"], state(BODIES["hex8"], noise=0)
+    slow = Viscous(body, SLS(1.0, 2.0, 0.3, 0.7), dt=1e9)
+    mine, other = (
+        cell_fields(body, u, [term], 0.0)["cauchy"]
+        for term in (slow, Elastic(body, NeoHookean(1.0, 0.3)))
+    )
+    np.testing.assert_allclose(mine, other, atol=1e-6)
+    fast = cell_fields(body, u, [slow.stepped(Past(slow.past.before, 1e-9))], 0.0)["cauchy"]
+    np.testing.assert_allclose(fast, 3 * other, atol=1e-6)
+
+
 def test_equal_springs_in_series_are_one_of_half_the_stiffness():
     body = BODIES["hex8"]
     u = 1e-4 * state(body)
@@ -184,6 +197,9 @@ def test_bad_input():
         Parallel()
     with pytest.raises(ValueError, match="expected Spring, Dashpot"):
         Series(Spring(1.0, 0.3), 2.0)
+    once = Dashpot(1.0)
+    with pytest.raises(ValueError, match="stands twice"):
+        Parallel(once, Series(Spring(1.0, 0.3), once))
     with pytest.raises(ValueError, match="expected a time > 0"):
         Viscous(body, TREES["SLS"], dt=0.0)
     rest = Memory.rest(body, TREES["SLS"])
