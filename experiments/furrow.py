@@ -60,7 +60,7 @@ TINY = Config(meshes=("hex20:0",), steps=5, contraction=0.05)
 def run(config: Config, tracker) -> dict[str, Any]:
     return study(
         config, tracker, "furrow", furrow.build, ("depth", "indentation"),
-        ("furrow depth, indentation\n(half lengths)", ("cavity", "cavity's volume")), draw,
+        ("depth —, indentation - -\n(half lengths)", ("cavity", "cavity's volume")), draw,
     )  # fmt: skip
 
 

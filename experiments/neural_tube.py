@@ -20,7 +20,7 @@ class Config:
     point field "beta" instead of the analytic pattern; ``steps`` of fixed size over t_fin."""
 
     seed: int = 0
-    meshes: tuple[str, ...] = ("tet4:2", "hex20:1", "hex20:2", "hex27:0", "hex27:1", "hex27:2")
+    meshes: tuple[str, ...] = ("tet4:3", "hex20:1", "hex20:2", "hex27:0", "hex27:1", "hex27:2")
     steps: int = 100
     order: int = 2
     contraction: float = 0.4

@@ -92,6 +92,13 @@ def test_contraction_shrinks_and_its_sign_matters():
     assert whole.measure(u).tissue == approx(whole.measure(0 * u).tissue / 1.2**3, rel=1e-6)
 
 
+def test_growth_too_fast_for_the_step_is_warned_of():
+    model = furrow.build(SHELL, element="hex20", tissue=Tissue(eta=100.0))
+    scene = model.viscous(0.05)
+    with pytest.warns(Unresolved, match=r"lets term 'viscous' grow by 0\.0\d+ in a step; take dt"):
+        evolve(scene, start(scene), TimeSteps(1e-6, 0.05), until=0.1)
+
+
 # -- neural tube ---------------------------------------------------------------------------------
 
 
@@ -126,11 +133,7 @@ def unlike(build, counts, **options):
     """A model whose passive part alone relaxes, so that its limits differ."""
     beta = build(counts, **options).beta
     E_m = 20.0 * np.maximum(1 - beta / beta.max(), 1e-3)
-
-    class Uniform(Tissue):
-        tau = 0.2
-
-    return build(counts, tissue=Uniform(E_m=E_m, eta=0.2 * E_m), **options)
+    return build(counts, tissue=Tissue(E_m=E_m, eta=0.2 * E_m), **options)
 
 
 def test_slow_growth_is_elastic_and_fast_growth_instantaneous():

@@ -128,7 +128,7 @@ def split(mesh: skfem.MeshHex) -> skfem.MeshTet:
         corners = mesh.t[face]
         for a in range(4):
             tets.append(np.stack([corners[a], corners[(a + 1) % 4], n + mesh.t2f[k], cells]))
-    return skfem.MeshTet(X, np.hstack(tets))
+    return skfem.MeshTet(np.ascontiguousarray(X), np.ascontiguousarray(np.hstack(tets)))
 
 
 def _at(x, y, z) -> np.ndarray:

@@ -25,17 +25,18 @@ Beta = np.ndarray | Callable[[np.ndarray], np.ndarray]
 
 @dataclass(frozen=True)
 class Tissue:
-    """Standard linear solid, moduli in kPa and viscosity in kPa s."""
+    """Standard linear solid, moduli in kPa and viscosity in kPa s; numbers, or arrays per cell or
+    quadrature point."""
 
-    E: float = 5.0
-    E_m: float = 5.0
+    E: float | np.ndarray = 5.0
+    E_m: float | np.ndarray = 5.0
     nu: float = 0.3
-    eta: float = 1.0
+    eta: float | np.ndarray = 1.0
 
     @property
     def tau(self) -> float:
-        """Relaxation time η/E_m in s."""
-        return self.eta / self.E_m
+        """Shortest relaxation time η/E_m in s."""
+        return float(np.min(np.asarray(self.eta) / self.E_m))
 
     def rheology(self) -> Rheology:
         """Its springs and dashpot."""
