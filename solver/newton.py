@@ -43,6 +43,10 @@ class Outcome(Enum):
     MIN_STEP = "the step fell below its minimum; the path stops at the last converged point"
     MAX_STEPS = "the steps allowed were used up; the path stops at the last converged point"
     OUT_OF_BOUNDS = "the load left its bounds; the path stops at the last point within them"
+    DISSIPATION = (
+        "the dashpots gave energy instead of taking it, and a shorter step does not help; the path "
+        "stops at the last state before"
+    )
     NO_BRANCH = "no second branch was found along the critical vector"
 
 
@@ -242,7 +246,8 @@ def downhill(
         return None
     # ψ near 0 is a difference of numbers near 1: the energy of a thin body is roundoff to ~1e-6,
     # and only the slopes are to be believed (Hager and Zhang 2005, approximate Wolfe).
-    noise = 1e-6 * (abs(start) + abs(system.energy))
+    # Next to no strain at all it is roundoff of the scene's own energy.
+    noise = 1e-6 * (abs(start) + abs(system.energy)) + 1e-15 * scene.scales.energy
     t, seen = share, False
     while t > 1e-4 * share:
         trial = x + t * dx

@@ -13,6 +13,7 @@ Continuation sees x, e and R, and never learns what e drives.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from copy import copy
 from dataclasses import dataclass
 from typing import Protocol
 
@@ -144,6 +145,27 @@ class Scene:
         )
         self._row_scale: np.ndarray | None = None
         self.scales = scales or Scales(body.length, *self._natural_scales())
+
+    def with_terms(self, terms: Sequence[Term]) -> Scene:
+        """The same body, supports, solver and scales with other terms: nothing is analysed again.
+
+        So a step in time swaps a term for its successor. Raises ValueError where they bring pairs
+        of nodes that share no block here, or a stiffness that is not symmetric into one that is.
+        """
+        terms = tuple(terms)
+        if self.symmetric and not all(term.symmetric for term in terms):
+            raise ValueError("a term's stiffness is not symmetric and this scene's is; build anew")
+        known = {id(t.graph): where for t, where in zip(self.terms, self._where, strict=True)}
+        new = [t.graph for t in terms if t.graph not in (None, self.graph)]
+        new = [g for g in new if id(g) not in known]
+        if any(NodeGraph.union([self.graph, g]).blocks > self.graph.blocks for g in new):
+            raise ValueError("a term couples nodes that share no block here; build the scene anew")
+        other = copy(self)
+        other.terms = terms
+        known |= {id(None): None, id(self.graph): None}
+        known |= {id(g): self.graph.find(g) for g in new}
+        other._where = [known[id(t.graph)] for t in terms]
+        return other
 
     # -- what is held ----------------------------------------------------------------------------
 
