@@ -8,6 +8,8 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import nullcontext
 from typing import Any
 
 import numpy as np
@@ -41,8 +43,14 @@ def ladder_sources(timeout: float) -> dict[str, Any]:
 
 
 def labelled(designs: pd.DataFrame, source, store: LabelStore, workers: int) -> pd.DataFrame:
-    """Labels of the designs, in their order; those that the store lacks are computed."""
-    run_campaign(designs, source, store, workers=workers, progress=False)
+    """Labels of the designs, in their order; those that the store lacks are computed.
+
+    ``workers``: processes; 0 labels in a thread of this one.
+    """
+    with nullcontext() if workers else ThreadPoolExecutor(1) as executor:
+        run_campaign(
+            designs, source, store, executor=executor, workers=max(workers, 1), progress=False
+        )
     frame = store.frame(source.name, source.version)
     order = designs[FULL.names].reset_index(drop=True).reset_index(names="row")
     return order.merge(frame, on=FULL.names).sort_values("row").reset_index(drop=True)
@@ -72,7 +80,7 @@ def disagreement(answer: pd.Series, truth: pd.Series) -> dict[str, Any]:
     both = (answer.notna() & truth.notna()).to_numpy()
     wrong = int((answer[both].astype(bool).to_numpy() != truth[both].astype(bool).to_numpy()).sum())
     low, high = wilson(wrong, int(both.sum()))
-    share = wrong / both.sum() if both.any() else None
+    share = float(wrong / both.sum()) if both.any() else None
     return {"compared": int(both.sum()), "wrong": wrong, "disagreement": share,
             "disagreement_low": low, "disagreement_high": high}  # fmt: skip
 
@@ -85,6 +93,8 @@ def ladder(config, say: Callable[[dict], None]) -> list[dict]:
     with LabelStore(OUT / "accuracy_vs_time.db") as store:
         for name, source in ladder_sources(config.timeout).items():
             part = designs.head(config.ladder_whole) if name.startswith("whole") else designs
+            if not len(part):
+                continue
             tables[name] = labelled(part, source, store, config.workers)
     truth = tables[FINEST]["foldable"].astype("boolean")
     rows = []

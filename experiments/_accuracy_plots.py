@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import matplotlib as mpl
+import matplotlib.ticker
 import numpy as np
 import pandas as pd
 from matplotlib.figure import Figure
@@ -92,8 +93,10 @@ def draw_wholes(rows: list[dict]) -> Figure:
             ax.bar(place + 0.38 * (k - 0.5), part["core_seconds"], 0.36, color=LINES[k], label=kind)
         for at, row in zip(place, table[table["model"] == "whole"].to_dict("records"), strict=True):
             apart = "" if pd.isna(row["apart"]) else f"\napart {row['apart']:.0e}"
-            ax.annotate(f"×{row['ratio']:.1f}{apart}", (at + 0.19, row["core_seconds"]), (0, 2),
-                        textcoords="offset points", ha="center", va="bottom", fontsize=6.5)  # fmt: skip
+            ax.annotate(
+                f"×{row['ratio']:.1f}{apart}", (at + 0.19, row["core_seconds"]), (0, 2),
+                textcoords="offset points", ha="center", va="bottom", fontsize=6.5,
+            )  # fmt: skip
         ax.set(yscale="log", ylabel="core-seconds of the path")
         ax.margins(y=0.25)
         ax.set_xticks(place, names, fontsize=6.5)
@@ -110,6 +113,7 @@ def draw_ladder(rows: list[dict], bands: list[dict]) -> Figure:
                 continue
             _interval(axes[0], row, color=(*LINES, "#B8860B")[k % 6], marker=MARKERS[k % 6],
                       label=f"{row['source']} ({row['wrong']} of {row['compared']})")  # fmt: skip
+        axes[0].set_yscale("symlog", linthresh=0.02)
         axes[0].set(xscale="log", xlabel="labels per core-hour", title="the ladder of sources",
                     ylabel="share that disagrees with the finest")  # fmt: skip
         axes[0].legend(fontsize=6.5, loc="upper center", bbox_to_anchor=(0.5, -0.2), ncols=2)
@@ -121,8 +125,10 @@ def draw_ladder(rows: list[dict], bands: list[dict]) -> Figure:
             _interval(axes[1], row, color=mpl.colormaps["viridis"](k / len(bands)), marker="o",
                       label=f"{name} ({100 * row['refined']:.0f} %)")  # fmt: skip
         if bands:
-            axes[1].set(xlabel="labels per core-hour", ylabel="share that disagrees with all refined",
-                        title=f"mixed labels, {bands[0]['compared']} designs of the dataset")  # fmt: skip
+            axes[1].set(
+                xlabel="labels per core-hour", ylabel="share that disagrees with all refined",
+                title=f"mixed labels, {bands[0]['compared']} designs of the dataset",
+            )  # fmt: skip
             axes[1].legend(fontsize=6.5, loc="upper center", bbox_to_anchor=(0.5, -0.2), ncols=2)
     return figure
 
@@ -149,6 +155,8 @@ def draw_classifiers(rows: list[dict]) -> Figure:
         axes[0].set(xlabel="core-seconds of labelling", ylabel=wrong)
         axes[1].set(xlabel="seconds of training", ylabel=wrong)
         axes[2].set(xlabel="seconds per million predictions", ylabel=wrong)
+        for ax in axes:
+            ax.xaxis.set_minor_formatter(mpl.ticker.NullFormatter())
         axes[0].legend()
     return figure
 
@@ -161,8 +169,9 @@ def draw_budgets(rows: list[dict], hour: list[dict]) -> Figure:
         for k, (kind, part) in enumerate(table.groupby("labels_are", sort=False)):
             wrong = 1 - part.groupby("budget")["accuracy"].agg(["mean", "min", "max"])
             if kind == "Timoshenko":
+                count = part["labels"].iloc[0]
                 ax.axhline(wrong["mean"].iloc[0], color="#4D4D4D", ls=(0, (4, 3)), lw=0.9,
-                           label=f"Timoshenko, {part['labels'].iloc[0]} labels for nothing")  # fmt: skip
+                           label=f"Timoshenko, {count} labels for nothing")  # fmt: skip
                 continue
             ax.fill_between(wrong.index, wrong["max"], wrong["min"], color=LINES[k], alpha=0.15)
             ax.loglog(wrong.index, wrong["mean"], marker=MARKERS[k], color=LINES[k], ms=4,

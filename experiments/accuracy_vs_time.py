@@ -46,6 +46,7 @@ class Config:
     ladder_whole: int = 8
     timeout: float = 60.0
     workers: int = 2
+    """Processes that label; 0: this one."""
     # (e), (f): labels of the dataset
     dataset: str = "gravity-5k"
     models: tuple[str, ...] = ("tree", "forest", "boosted", "network")
@@ -63,7 +64,7 @@ class Config:
 TINY = Config(
     scenes=(paths.P, "grounded"), elements=("tet4", "hex20"), levels=(0, 1),
     first_order_levels=(0, 1), reference=1, stepper_scenes=(paths.P,), stepper_level=0,
-    steps=(4, 8), rtols=(1e-6,), whole_levels=(0,), ladder=2, ladder_whole=1, workers=1,
+    steps=(8,), rtols=(1e-6,), whole_levels=(0,), ladder=1, ladder_whole=0, workers=0,
     models=("tree",), counts=(100,), seeds=1, cheap=3, clocked=1, budgets=(5.0, 50.0, 100.0, 200.0),
     budget_model="tree", formula_labels=200,
 )  # fmt: skip
