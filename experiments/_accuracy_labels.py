@@ -22,12 +22,13 @@ from foldlab.campaign import run_campaign
 from foldlab.classify import make_classifier, score, seconds_per_million
 from foldlab.datasets import load_dataset
 from foldlab.design import FULL
-from foldlab.foldability import TAGS
+from foldlab.foldability import TAGS, Thresholds
 from foldlab.labels import LabelStore
-from foldlab.screening import COARSE_ERROR
+from foldlab.screening import COARSE_ERROR, near
 from foldlab.sources import SolverSource, TimoshenkoSource
 
 FINEST = "quarter, 0.5 %"
+ODD = "snap|sideways|rocking|twisting|symmetric|bifurcation"  # see foldlab.screening.decided
 
 
 def ladder_sources(timeout: float) -> dict[str, Any]:
@@ -138,9 +139,9 @@ def cheap_labels(config) -> tuple[pd.DataFrame, pd.DataFrame, pd.DataFrame]:
 def mixing(table: pd.DataFrame, coarse: pd.DataFrame, fine: pd.DataFrame) -> list[dict]:
     """Mixed labels by the width of the band that is refined, from coarse and accurate labels.
 
-    Where the coarse m1 or m2 lies within the band around its threshold, or the coarse path is in
+    Where a coarse measure lies within the band around its threshold, or the coarse path is in
     doubt, the accurate label of the dataset counts and its cost is added. ``wrong`` compares to the
-    dataset. Band 0 refines only what is in doubt, ∞ everything.
+    dataset. Band 0 refines only what is in doubt, None everything.
     """
     # This machine's pace against that of the dataset's labels, from designs labelled by both.
     pace = fine["core_seconds"].sum() / table.loc[fine.index, "core_seconds"].sum()
@@ -149,18 +150,16 @@ def mixing(table: pd.DataFrame, coarse: pd.DataFrame, fine: pd.DataFrame) -> lis
     settled = coarse["error_estimate"].notna()
     # Labels that cost nothing more than the coarse path, for they ended with it.
     extra = (pace * there["core_seconds"] - coarse["core_seconds"]).clip(lower=0)
-    need = np.pi * coarse["contraction"]
-    scale = np.maximum(coarse["m1"].abs(), need)
-    gap = np.minimum((coarse["m1"] - need).abs(), (coarse["m2"] - need / 2).abs()) / scale
-    doubt = ~settled | (coarse["m1"] >= 2 * np.pi) | (coarse["unstable_modes"] != 0)
-    odd = (
-        coarse["events"]
-        .astype(str)
-        .str.contains("snap|sideways|rocking|twisting|symmetric|bifurcation")
-    )
+    closed = coarse["m1"].ge(2 * np.pi) | coarse["m2"].ge(np.pi)
+    doubt = ~settled | closed | (coarse["unstable_modes"] != 0)
+    doubt |= coarse["events"].astype(str).str.contains(ODD)
     rows = []
-    for band in (0.0, 0.02, 0.05, COARSE_ERROR, 0.25, 0.5, np.inf):
-        refined = doubt | odd | (gap <= band)
+    for band in (0.0, 0.05, COARSE_ERROR, 0.3, np.inf):
+        crosses = [
+            bool(near(row, row["contraction"], Thresholds(), band)) or not np.isfinite(band)
+            for row in coarse.to_dict("records")
+        ]
+        refined = doubt | np.array(crosses)
         answer = cheap.where(~refined, truth)
         cost = coarse["core_seconds"] + extra.where(refined, 0.0)
         rows.append(
@@ -180,8 +179,8 @@ def mixing(table: pd.DataFrame, coarse: pd.DataFrame, fine: pd.DataFrame) -> lis
 def calibration(table: pd.DataFrame, coarse: pd.DataFrame) -> dict[str, Any]:
     """The coarsest mesh's error against the dataset, and how many keep the bound that is stated.
 
-    Of m1 and m2 over max(|m1|, |g|π), and of m3 and m4 absolute, where both paths reached the full
-    contraction.
+    As :data:`foldlab.screening.COARSE_ERROR` and ``COARSE_SLIP`` define them, where both paths
+    reached the full contraction.
     """
     there = table.loc[coarse.index]
     reached = (coarse["contraction_reached"] >= coarse["contraction"] * (1 - 1e-9)) & (
@@ -189,8 +188,9 @@ def calibration(table: pd.DataFrame, coarse: pd.DataFrame) -> dict[str, Any]:
     )
     reached &= coarse["error_estimate"].notna() & there["error_estimate"].notna()
     a, b = coarse[reached], there[reached]
-    scale = np.maximum(b["m1"].abs(), np.pi * b["contraction"])
-    off = np.maximum((a["m1"] - b["m1"]).abs(), (a["m2"] - b["m2"]).abs()) / scale
+    need = np.pi * b["contraction"]
+    along = (a["m1"] - b["m1"]).abs() / np.maximum(b["m1"].abs(), need)
+    off = np.maximum(along, (a["m2"] - b["m2"]).abs() / need)
     slip = np.maximum((a["m3"] - b["m3"]).abs(), (a["m4"] - b["m4"]).abs())
     kept = int((off <= COARSE_ERROR).sum())
     low, high = wilson(kept, len(a))
