@@ -66,7 +66,9 @@ def draw_steppers(rows: list[dict]) -> Figure:
                     ax_path.loglog(part["core_seconds"], part["error"], **style)
                     floored = part["end_error"].clip(lower=FLOOR)
                     ax_end.loglog(part["core_seconds"], floored, **(style | {"ls": "none"}))
-            ax_path.set(title=scene, ylabel="error between the points, as drawn")
+            arrived = table.loc[table["scene"] == scene, "error"].notna()
+            short = f"{(~arrived).sum()} of {len(arrived)} paths end early"
+            ax_path.set(title=f"{scene}: {short}", ylabel="error between the points, as drawn")
             ax_end.set(title=scene, ylabel="error at the full contraction")
         for ax in axes:
             ax.set_xlabel("core-seconds of the path")

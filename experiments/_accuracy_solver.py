@@ -177,7 +177,7 @@ def steppers(config, say: Callable[[dict], None]) -> list[dict]:
                         order = 0 if kind.endswith("no predictor") else 3
                         stepper = LoadSteps(rtol=rtol, step=1 / steps, order=order)
                     begun = time.process_time()
-                    path = trace(scene, start, stepper, max_steps=1000, events=False)
+                    path = trace(scene, start, stepper, max_steps=300, events=False)
                     seconds = time.process_time() - begun
                     off = np.abs(curve(path) - exact) / scale if path.reached else None
                     row = {
