@@ -121,9 +121,8 @@ def draw_ladder(rows: list[dict], bands: list[dict]) -> Figure:
         axes[0].legend(fontsize=6.5, loc="upper center", bbox_to_anchor=(0.5, -0.2), ncols=2)
         for k, row in enumerate(bands):
             band = row["band"]
-            name = "coarse, none refined" if band == "coarse" else (
-                "all refined" if band is None else f"refined within {band:g}"
-            )  # fmt: skip
+            name = {"coarse": "coarse, none refined", None: "all refined", 0.0: "only if in doubt"}
+            name = name.get(band) or f"within {band:g} too"
             _interval(axes[1], row, color=mpl.colormaps["viridis"](k / len(bands)), marker="o",
                       label=f"{name} ({100 * row['refined']:.0f} %)")  # fmt: skip
         if bands:
