@@ -29,6 +29,14 @@ def panels(count: int, width: float = 3.1, height: float = 2.9, columns: int = 4
     return figure, axes[:count]
 
 
+def seconds(ax) -> None:
+    """Plain numbers on a log axis of seconds, between the powers of ten at 2 and 5 only."""
+    ax.xaxis.set_major_formatter(mpl.ticker.FuncFormatter(lambda v, _: f"{v:g}"))
+    ax.xaxis.set_minor_formatter(
+        mpl.ticker.FuncFormatter(lambda v, _: f"{v:g}" if f"{v:e}"[0] in "25" else "")
+    )
+
+
 def draw_elements(rows: list[dict]) -> Figure:
     """(a): error of the fold angle against core-seconds, a line per element along its meshes."""
     table = pd.DataFrame(rows)
@@ -45,6 +53,7 @@ def draw_elements(rows: list[dict]) -> Figure:
                         color=LINES[k], ms=4, lw=1, label=element,
                     )  # fmt: skip
             ax.set(title=scene, xlabel="core-seconds of the path", ylabel="error of the fold angle")
+            seconds(ax)
         axes[0].legend(loc="best")
     return figure
 
@@ -72,6 +81,7 @@ def draw_steppers(rows: list[dict]) -> Figure:
             ax_end.set(title=scene, ylabel="error at the full contraction")
         for ax in axes:
             ax.set_xlabel("core-seconds of the path")
+            seconds(ax)
         for k, kind in enumerate(kinds):
             axes[0].plot([], [], color=LINES[k], label=kind)
         for j, rtol in enumerate(rtols):
@@ -157,7 +167,7 @@ def draw_classifiers(rows: list[dict]) -> Figure:
         axes[1].set(xlabel="seconds of training", ylabel=wrong)
         axes[2].set(xlabel="seconds per million predictions", ylabel=wrong)
         for ax in axes:
-            ax.xaxis.set_minor_formatter(mpl.ticker.NullFormatter())
+            seconds(ax)
         axes[0].legend()
     return figure
 
