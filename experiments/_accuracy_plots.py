@@ -30,10 +30,12 @@ def panels(count: int, width: float = 3.1, height: float = 2.9, columns: int = 4
 
 
 def seconds(ax) -> None:
-    """Plain numbers on a log axis of seconds, between the powers of ten at 2 and 5 only."""
+    """Plain numbers on a log axis of seconds; between few powers of ten at 2 and 5 too."""
+    low, high = ax.get_xlim()
+    between = ("2", "5") if high < 200 * low else ()
     ax.xaxis.set_major_formatter(mpl.ticker.FuncFormatter(lambda v, _: f"{v:g}"))
     ax.xaxis.set_minor_formatter(
-        mpl.ticker.FuncFormatter(lambda v, _: f"{v:g}" if f"{v:e}"[0] in "25" else "")
+        mpl.ticker.FuncFormatter(lambda v, _: f"{v:g}" if f"{v:e}"[0] in between else "")
     )
 
 
