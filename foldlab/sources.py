@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 import pandas as pd
 
-from foldlab import foldability
+from foldlab import foldability, screening
 from foldlab.design import FULL, DesignSpace
 from foldlab.errors import InputError
 from foldlab.labels import Label
@@ -90,6 +90,9 @@ class SolverSource:
     noisy steps (§4.3.3) on the whole unit instead of testing symmetric ones. ``strips``: active
     strips side by side along the hinge that cover ``strip_share`` of its width (0: a solid layer).
     ``barrier``: the ground's, "surface" or the dissertation's "exponential" (Eq. 4.5).
+    ``refine``: "always"; "near" a threshold only and where the coarsest path is in doubt, see
+    :mod:`foldlab.screening`; or "never". What is not refined states an error that was calibrated on
+    other designs.
 
     Without "contact" panels pass through each other, as in the dissertation; a path ends where the
     fold has made a full turn, and where the hinge has curled through half a turn about the other
@@ -111,6 +114,7 @@ class SolverSource:
         strips: int = 0,
         strip_share: float = 0.5,
         barrier: Literal["surface", "exponential"] = "surface",
+        refine: Literal["always", "near", "never"] = "always",
     ):
         known = {"uniaxial", "isotropic"}
         if growth not in known:
@@ -128,6 +132,14 @@ class SolverSource:
             )
         if barrier not in ("surface", "exponential"):
             raise InputError(f"barrier {barrier!r}; expected 'surface' or 'exponential'")
+        if refine not in ("always", "near", "never"):
+            raise InputError(f"refine {refine!r}; expected 'always', 'near' or 'never'")
+        usual = growth == "uniaxial" and effects != "none" and upright and seed is None
+        if refine != "always" and not (usual and strips == 0 and barrier == "surface"):
+            raise InputError(
+                f"refine {refine!r} needs a known error of the coarsest mesh, and it was measured "
+                "for uniaxial contraction of solid upright units with weight only; take 'always'"
+            )
         for name, value in (("accuracy", accuracy), ("timeout", timeout)):
             if not (np.isfinite(value) and value > 0):
                 raise InputError(f"{name} = {value!r}; expected a finite number above 0")
@@ -139,7 +151,7 @@ class SolverSource:
         self.space = FULL
         self.accuracy, self.effects, self.growth = float(accuracy), effects, growth
         self.question, self.upright, self.timeout = question, bool(upright), float(timeout)
-        self.seed, self.barrier = seed, barrier
+        self.seed, self.barrier, self.refine = seed, barrier, refine
         self.strips, self.strip_share = strips, float(strip_share)
         parts = ["1", growth, effects.replace(",", "+"), f"{accuracy:g}"]
         parts += ["exists"] * (question == "exists") + ["falls"] * (not upright)
@@ -147,6 +159,7 @@ class SolverSource:
             strips > 0
         )
         parts += [barrier] * (barrier != "surface")
+        parts += [f"{refine}{screening.COARSE_ERROR:g}"] * (refine != "always")
         self.version = "-".join(parts)
 
     @property
@@ -179,7 +192,10 @@ class SolverSource:
         deadline = start + self.timeout
         limits = {"deadline": deadline, "clock": clock}
         run, error, levels = self.run(groups, 0, **limits), None, 1
-        for level in range(1, self.plan.finest + 1):
+        coarse = run.settled and self._enough(groups, run)
+        if coarse:
+            error = screening.COARSE_ERROR
+        for level in () if coarse else range(1, self.plan.finest + 1):
             if not run.settled or time.monotonic() > deadline:
                 break
             size = run.folding.model.scene.size
@@ -204,10 +220,12 @@ class SolverSource:
                 and not self._across(run, level)
             ):
                 break
-        label = self._judge(groups, run, error, levels)
+        label = self._judge(groups, run, error, levels, coarse)
+        basis = "calibrated" if coarse else "measured"
         spent = {
             "seconds": time.monotonic() - start,
             "core_seconds": time.process_time() - worked,
+            **({} if error is None else {"error_basis": basis}),
         }
         return run, replace(label, evidence={**label.evidence, **spent})
 
@@ -280,6 +298,15 @@ class SolverSource:
                 row["contraction"] = unit.contraction
         return Run(folding, history, folding.ending.name == "STOPPED", shapes)
 
+    def _enough(self, design: Mapping[str, float], run: Run) -> bool:
+        """Whether the path on the coarsest mesh needs no second one."""
+        if self.refine != "near":
+            return self.refine == "never"
+        kinds = {h.kind for h in run.folding.happenings}
+        return screening.decided(
+            design, run.history[-1], kinds, run.closed, foldability.Thresholds()
+        )
+
     def _refined(self, run: Run, level: int, deadline: float) -> tuple[Run, float] | None:
         """The last state of a run on a finer mesh, after the run's history; and its error.
 
@@ -314,7 +341,7 @@ class SolverSource:
         shapes = [*run.shapes[:-1], Shape(finer.model, finer.x, finer.last)]
         return Run(finer, [*run.history[:-1], row], False, shapes), SHARE * off
 
-    def _judge(self, design, run: Run, error, levels: int) -> Label:
+    def _judge(self, design, run: Run, error, levels: int, coarse: bool) -> Label:
         thresholds = foldability.Thresholds()
         folding = run.folding
         evidence = {
@@ -377,6 +404,8 @@ class SolverSource:
             slack = error * max(abs(m1), need)
             near = [f"m1 is {m1:.3g} rad, {need:.3g} needed"] * (abs(m1 - need) < slack)
             near += [f"m2 is {m2:.3g} rad, {need / 2:.3g} allowed"] * (abs(m2 - need / 2) < slack)
+            if coarse:
+                near = screening.near(run.measures, design["contraction"], thresholds)
             if near and not run.closed:
                 foldable, evidence["outcome"] = None, "unresolved"
                 reason = f"unknown: {' and '.join(near)}, and the error is {slack:.2g} rad"

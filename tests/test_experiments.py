@@ -14,7 +14,11 @@ import pytest
 import experiments
 from experiments.common import execute
 
-NAMES = [m.name for m in pkgutil.iter_modules(experiments.__path__) if m.name != "common"]
+NAMES = [
+    m.name
+    for m in pkgutil.iter_modules(experiments.__path__)
+    if m.name != "common" and not m.name.startswith("_")  # parts of an experiment
+]
 
 
 @pytest.fixture
