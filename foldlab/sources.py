@@ -2,11 +2,8 @@
 
 from __future__ import annotations
 
-import ctypes
-import resource
 import time
 from collections.abc import Mapping
-from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
@@ -14,7 +11,7 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 import pandas as pd
 
-from foldlab import foldability, screening
+from foldlab import foldability, judging, screening
 from foldlab.design import FULL, DesignSpace
 from foldlab.errors import InputError
 from foldlab.labels import Label
@@ -188,7 +185,7 @@ class SolverSource:
         groups = self.space.validate(pd.DataFrame([dict(design)]), bounds=False)
         groups = groups[self.space.names].iloc[0].to_dict()
         start, worked = time.monotonic(), time.process_time()
-        _forget_peak()
+        judging.forget_peak()
         deadline = start + self.timeout
         limits = {"deadline": deadline, "clock": clock}
         run, error, levels = self.run(groups, 0, **limits), None, 1
@@ -211,7 +208,7 @@ class SolverSource:
                     break
                 if not again.settled:
                     break
-                found = again, _error(run, again, groups)
+                found = again, judging.error_between(run, again, groups)
             run, error = found[0], max(found[1], FLOOR)
             levels += 1
             if (
@@ -220,7 +217,10 @@ class SolverSource:
                 and not self._across(run, level)
             ):
                 break
-        label = self._judge(groups, run, error, levels, coarse)
+        foldable, reason, evidence = judging.judge(
+            groups, run, error, accuracy=self.accuracy, levels=levels, coarse=coarse
+        )
+        label = Label(groups, foldable, reason, evidence, self.name, self.version)
         basis = "calibrated" if coarse else "measured"
         spent = {
             "seconds": time.monotonic() - start,
@@ -271,7 +271,7 @@ class SolverSource:
         seen = lambda *shape: shapes.append(Shape(*shape))  # noqa: E731
 
         def closed(state: State) -> bool:
-            row = _row(state, unit)
+            row = judging.row_of(state, unit)
             history.append(row)
             return abs(row["m1"]) >= 2 * np.pi or row["m2"] >= np.pi
 
@@ -324,7 +324,7 @@ class SolverSource:
         )
         if finer is None:
             return None
-        row = _row(finer.last, finer.model.unit)
+        row = judging.row_of(finer.last, finer.model.unit)
         before = run.history[-2 if run.closed else -1]
         row["contraction"] = before["contraction"]
         scale = max(abs(row["m1"]), np.pi * before["contraction"], 1e-9)
@@ -339,139 +339,11 @@ class SolverSource:
             before=folding.before,
         )
         shapes = [*run.shapes[:-1], Shape(finer.model, finer.x, finer.last)]
-        return Run(finer, [*run.history[:-1], row], False, shapes), SHARE * off
+        return Run(finer, [*run.history[:-1], row], False, shapes), judging.SHARE * off
 
-    def _judge(self, design, run: Run, error, levels: int, coarse: bool) -> Label:
-        thresholds = foldability.Thresholds()
-        folding = run.folding
-        evidence = {
-            "outcome": folding.ending.name.lower(),
-            "stable": False,
-            "unknowns": folding.model.scene.size,
-            "levels": levels,
-            "iterations": folding.iterations,
-            "steps": len(folding.states),
-            "peak_memory_mb": _peak_memory_mb(),
-        }
-        foldable, reason = None, f"unknown: {folding.detail}"
-        if run.history:
-            last = run.history[-1]
-            tags = thresholds.tags(run.measures, design["contraction"])
-            events = self._events(run, design, thresholds)
-            evidence |= {
-                "fold_angle": last["m1"],
-                **run.measures,
-                **tags,
-                "contraction_reached": last["contraction"],
-                "threshold": thresholds.turning,
-                "unstable_modes": last["unstable"],
-                "stable": last["unstable"] == 0 and run.settled,
-                "topples": folding.last.topples,
-                "events": events,
-                "history": [
-                    [round(h[k], 6) for k in ("contraction", "m1", "m2")] for h in run.history
-                ],
-                "curves": folding.last.curves[:, CURVE_POINTS].round(5).tolist(),
-            }
-            if "tip" in last:
-                first = run.history[0]
-                evidence["rest_gap"] = max(first["lowest"], first["tip"])
-                evidence["penetration"] = max(0.0, -min(h["lowest"] for h in run.history))
-            if last["contraction"] > 0:
-                evidence["normalised_angle"] = last["m1"] / last["contraction"]
-        if run.settled:
-            foldable, outcome, reason = foldability.verdict(
-                design, run.history, tags, events, run.closed
-            )
-            evidence["outcome"] = outcome
-        unsure = not run.history or (run.settled and error is None and not foldable)
-        unsure = unsure and folding.ending.name != "TIMEOUT"
-        crushed = _crushing(design) if unsure else 0.0
-        if crushed:
-            foldable, evidence["outcome"] = False, "crushed"
-            reason = (
-                f"the hinge is crushed by its own weight, {crushed:.2g} times what its active "
-                "layer can carry"
-            )
-        if run.history:
-            evidence["error_estimate"] = error
-        if run.settled and error is None and not crushed:
-            reason = f"unknown, for no finer mesh confirmed it in time: {reason}"
-            foldable, evidence["outcome"] = None, "unverified"
-        elif run.settled and not crushed and error > self.accuracy:
-            m1, m2 = run.measures["m1"], run.measures["m2"]
-            need = np.pi * design["contraction"]
-            slack = error * max(abs(m1), need)
-            near = [f"m1 is {m1:.3g} rad, {need:.3g} needed"] * (abs(m1 - need) < slack)
-            near += [f"m2 is {m2:.3g} rad, {need / 2:.3g} allowed"] * (abs(m2 - need / 2) < slack)
-            if coarse:
-                near = screening.near(run.measures, design["contraction"], thresholds)
-            if near and not run.closed:
-                foldable, evidence["outcome"] = None, "unresolved"
-                reason = f"unknown: {' and '.join(near)}, and the error is {slack:.2g} rad"
-        return Label(design, foldable, reason, evidence, self.name, self.version)
-
-    def _events(self, run: Run, design, thresholds) -> list[dict]:
-        found = foldability.find_events(run.history, design["contraction"], thresholds)
-        for h in run.folding.happenings:
-            found.append({"kind": h.kind, "contraction": float(h.e) * design["contraction"]})
-            if h.size:
-                found[-1]["size"] = float(h.size)
-        return sorted(found, key=lambda event: event["contraction"])
-
-
-def _row(state: State, unit) -> dict[str, float]:
-    """What the history keeps of a state."""
-    m = foldability.measure(state.curves, unit.hinge_length)
-    row = {"contraction": float(state.e) * unit.contraction, **vars(m)}
-    row["unstable"] = state.unstable
-    if state.tip is not None:
-        row["tip"] = state.tip / unit.slenderness
-        row["lowest"] = state.lowest / unit.slenderness
-    if state.clearance is not None:
-        row["clearance"] = state.clearance / unit.slenderness
-    return row
-
-
-def _error(coarse: Run, fine: Run, design: Mapping[str, float]) -> float:
-    """Error of m1 and m2 on the finer of two paths, over the larger of fold angle and |g|π."""
-    rows = [r.history[-1] for r in (coarse, fine)]
-    if coarse.closed and fine.closed:
-        # Both end at about the same angle: what differs is the contraction that it takes.
-        turned = [r["m1"] / r["contraction"] for r in rows]
-        return SHARE * abs(turned[1] - turned[0]) / max(abs(turned[1]), 1e-9)
-    scale = max(abs(rows[1]["m1"]), np.pi * design["contraction"])
-    return SHARE * max(abs(rows[1][m] - rows[0][m]) for m in ("m1", "m2")) / scale
-
-
-def _forget_peak() -> None:
-    """Give back what earlier labels left, and let the peak of memory count from now on.
-
-    As far as the system can: elsewhere than on Linux the peak is that of the whole process.
-    """
-    with suppress(OSError, AttributeError, TypeError):
-        ctypes.CDLL(None).malloc_trim(0)
-    with suppress(OSError):
-        Path("/proc/self/clear_refs").write_text("5")
-
-
-def _peak_memory_mb() -> float:
-    """Most memory the process held since its peak was last forgotten, in MiB."""
-    with suppress(OSError, ValueError):
-        for line in Path("/proc/self/status").read_text().splitlines():
-            if line.startswith("VmHWM:"):
-                return int(line.split()[1]) / 1024
-    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
-
-
-# Of the 1000 points of a curve, those that a label keeps.
-CURVE_POINTS = np.linspace(0, 999, 28).round().astype(int)
 
 # Unknowns of a mesh that is not refined again; the error then stays as stated. By finest level.
 LARGEST = {2: 6000, 3: 20000}
-
-# The finer of two meshes is nearer to the truth than they are to each other.
-SHARE = 0.5
 
 # Two meshes may agree by chance: no smaller error is stated than this, which 18 designs of a
 # Latin hypercube kept against the finest mesh where their own estimate was too small.
@@ -479,13 +351,6 @@ FLOOR = 1e-3
 
 # Error over |g|π of m2 on meshes of one element across the hinge; the worst of those 18 was 0.17.
 ACROSS = 0.2
-
-
-def _crushing(design: Mapping[str, float]) -> float:
-    """Weight of the active layer over its modulus, if it is enough to crush it; else 0."""
-    weight = design["slenderness"] ** 2 / design["stiffness_to_weight"]
-    load = weight * design["rho_ratio"] * design["h_ratio"] * design["slenderness"]
-    return load / design["E_ratio"] if load > 0.2 * design["E_ratio"] else 0.0
 
 
 SOURCES = {"timoshenko": TimoshenkoSource, "solver": SolverSource}

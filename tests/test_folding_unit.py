@@ -373,3 +373,15 @@ def test_a_path_that_ends_while_it_loses_a_symmetry_ends_in_its_last_state(monke
     assert found.ending is Ending.LOST and found.detail == Outcome.NO_STABLE_STATE.value
     assert found.model.mirrors == ("x", "y")
     assert found.model.curves(found.x, found.last.e) == pytest.approx(found.last.curves)
+
+
+def test_a_noisy_path_on_arc_length_lands_on_the_contraction():
+    unit = replace(P, contraction=0.06)
+    want = angle(reached(build(unit, COARSEST, effects=())))
+    whole = build(unit, COARSEST, effects=(), mirrors=())
+    steps, arcs = (reached(whole, noise=(1e-3, 1), arc=arc) for arc in (False, True))
+    for found in (steps, arcs):
+        assert found.last.e == 1.0 and angle(found) == pytest.approx(want, rel=1e-6)
+    assert arcs.iterations > 2 * steps.iterations
+    again = reached(whole, noise=(1e-3, 1), arc=True)
+    assert np.array_equal(again.x, arcs.x)

@@ -9,8 +9,9 @@ import pytest
 from foldlab import foldability
 from foldlab.design import REDUCED
 from foldlab.errors import InputError
+from foldlab.judging import CURVE_POINTS
 from foldlab.labels import LabelSource, storable
-from foldlab.sources import CURVE_POINTS, SolverSource
+from foldlab.sources import SolverSource
 
 LIGHT = {
     "E_ratio": 0.1, "rho_ratio": 1.0, "hinge_length": 0.25, "hinge_width": 1.0, "h_ratio": 5.0,

@@ -1,0 +1,168 @@
+"""From a path of the solver to a label's verdict, reason and evidence.
+
+What is judged is a :class:`foldlab.sources.Run`; nothing here knows how it was solved.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import resource
+from collections.abc import Mapping
+from contextlib import suppress
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from foldlab import foldability, screening
+
+if TYPE_CHECKING:
+    from foldlab.sources import Run
+
+# Of the 1000 points of a curve, those that a label keeps.
+CURVE_POINTS = np.linspace(0, 999, 28).round().astype(int)
+
+# The finer of two meshes is nearer to the truth than they are to each other.
+SHARE = 0.5
+
+
+def judge(
+    design: Mapping[str, float],
+    run: Run,
+    error: float | None,
+    *,
+    accuracy: float,
+    levels: int,
+    coarse: bool,
+) -> tuple[bool | None, str, dict[str, Any]]:
+    """Verdict, reason and evidence of a path.
+
+    ``error``: of the last state, relative, None where no second mesh confirmed it; ``coarse``:
+    whether it is the calibrated one of :mod:`foldlab.screening`; ``levels``: meshes that were used.
+    """
+    thresholds = foldability.Thresholds()
+    folding = run.folding
+    evidence = {
+        "outcome": folding.ending.name.lower(),
+        "stable": False,
+        "unknowns": folding.model.scene.size,
+        "levels": levels,
+        "iterations": folding.iterations,
+        "steps": len(folding.states),
+        "peak_memory_mb": peak_memory_mb(),
+    }
+    foldable, reason = None, f"unknown: {folding.detail}"
+    if run.history:
+        last = run.history[-1]
+        tags = thresholds.tags(run.measures, design["contraction"])
+        events = _events(run, design, thresholds)
+        evidence |= {
+            "fold_angle": last["m1"],
+            **run.measures,
+            **tags,
+            "contraction_reached": last["contraction"],
+            "threshold": thresholds.turning,
+            "unstable_modes": last["unstable"],
+            "stable": last["unstable"] == 0 and run.settled,
+            "topples": folding.last.topples,
+            "events": events,
+            "history": [[round(h[k], 6) for k in ("contraction", "m1", "m2")] for h in run.history],
+            "curves": folding.last.curves[:, CURVE_POINTS].round(5).tolist(),
+        }
+        if "tip" in last:
+            first = run.history[0]
+            evidence["rest_gap"] = max(first["lowest"], first["tip"])
+            evidence["penetration"] = max(0.0, -min(h["lowest"] for h in run.history))
+        if last["contraction"] > 0:
+            evidence["normalised_angle"] = last["m1"] / last["contraction"]
+    if run.settled:
+        foldable, outcome, reason = foldability.verdict(
+            design, run.history, tags, events, run.closed
+        )
+        evidence["outcome"] = outcome
+    unsure = not run.history or (run.settled and error is None and not foldable)
+    unsure = unsure and folding.ending.name != "TIMEOUT"
+    crushed = _crushing(design) if unsure else 0.0
+    if crushed:
+        foldable, evidence["outcome"] = False, "crushed"
+        reason = (
+            f"the hinge is crushed by its own weight, {crushed:.2g} times what its active "
+            "layer can carry"
+        )
+    if run.history:
+        evidence["error_estimate"] = error
+    if run.settled and error is None and not crushed:
+        reason = f"unknown, for no finer mesh confirmed it in time: {reason}"
+        foldable, evidence["outcome"] = None, "unverified"
+    elif run.settled and not crushed and error > accuracy:
+        m1, m2 = run.measures["m1"], run.measures["m2"]
+        need = np.pi * design["contraction"]
+        slack = error * max(abs(m1), need)
+        near = [f"m1 is {m1:.3g} rad, {need:.3g} needed"] * (abs(m1 - need) < slack)
+        near += [f"m2 is {m2:.3g} rad, {need / 2:.3g} allowed"] * (abs(m2 - need / 2) < slack)
+        if coarse:
+            near = screening.near(run.measures, design["contraction"], thresholds)
+        if near and not run.closed:
+            foldable, evidence["outcome"] = None, "unresolved"
+            reason = f"unknown: {' and '.join(near)}, and the error is {slack:.2g} rad"
+    return foldable, reason, evidence
+
+
+def _events(run: Run, design, thresholds) -> list[dict]:
+    found = foldability.find_events(run.history, design["contraction"], thresholds)
+    for h in run.folding.happenings:
+        found.append({"kind": h.kind, "contraction": float(h.e) * design["contraction"]})
+        if h.size:
+            found[-1]["size"] = float(h.size)
+    return sorted(found, key=lambda event: event["contraction"])
+
+
+def row_of(state, unit) -> dict[str, float]:
+    """What the history keeps of a state."""
+    m = foldability.measure(state.curves, unit.hinge_length)
+    row = {"contraction": float(state.e) * unit.contraction, **vars(m)}
+    row["unstable"] = state.unstable
+    if state.tip is not None:
+        row["tip"] = state.tip / unit.slenderness
+        row["lowest"] = state.lowest / unit.slenderness
+    if state.clearance is not None:
+        row["clearance"] = state.clearance / unit.slenderness
+    return row
+
+
+def error_between(coarse: Run, fine: Run, design: Mapping[str, float]) -> float:
+    """Error of m1 and m2 on the finer of two paths, over the larger of fold angle and |g|π."""
+    rows = [r.history[-1] for r in (coarse, fine)]
+    if coarse.closed and fine.closed:
+        # Both end at about the same angle: what differs is the contraction that it takes.
+        turned = [r["m1"] / r["contraction"] for r in rows]
+        return SHARE * abs(turned[1] - turned[0]) / max(abs(turned[1]), 1e-9)
+    scale = max(abs(rows[1]["m1"]), np.pi * design["contraction"])
+    return SHARE * max(abs(rows[1][m] - rows[0][m]) for m in ("m1", "m2")) / scale
+
+
+def _crushing(design: Mapping[str, float]) -> float:
+    """Weight of the active layer over its modulus, if it is enough to crush it; else 0."""
+    weight = design["slenderness"] ** 2 / design["stiffness_to_weight"]
+    load = weight * design["rho_ratio"] * design["h_ratio"] * design["slenderness"]
+    return load / design["E_ratio"] if load > 0.2 * design["E_ratio"] else 0.0
+
+
+def forget_peak() -> None:
+    """Give back what earlier labels left, and let the peak of memory count from now on.
+
+    As far as the system can: elsewhere than on Linux the peak is that of the whole process.
+    """
+    with suppress(OSError, AttributeError, TypeError):
+        ctypes.CDLL(None).malloc_trim(0)
+    with suppress(OSError):
+        Path("/proc/self/clear_refs").write_text("5")
+
+
+def peak_memory_mb() -> float:
+    """Most memory the process held since its peak was last forgotten, in MiB."""
+    with suppress(OSError, ValueError):
+        for line in Path("/proc/self/status").read_text().splitlines():
+            if line.startswith("VmHWM:"):
+                return int(line.split()[1]) / 1024
+    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
