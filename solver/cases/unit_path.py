@@ -124,7 +124,7 @@ def fold(
     ``start``: unknowns to begin with, zeros if None. ``rtol``: see :func:`solver.newton.newton`.
     ``turn``: rad that the fold should turn by in a step, by Timoshenko. ``stop``: asked at each
     state. ``noise``: amplitude and seed of §4.3.3, on a whole model instead of the tests of
-    symmetry, on load steps or, with ``arc``, on arc length, which takes ten times as many steps.
+    symmetry, on load steps or, with ``arc``, on arc length, which takes longer.
     ``on_state`` sees each state as it is accepted,
     with its model and unknowns.
     """
