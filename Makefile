@@ -6,7 +6,7 @@ demo: $(VENV)/.installed
 	$(VENV)/bin/foldlab quickstart
 
 test: $(VENV)/.installed
-	$(VENV)/bin/python -m pytest -n 2
+	OMP_NUM_THREADS=1 $(VENV)/bin/python -m pytest -n 2
 
 lint: $(VENV)/.installed
 	$(VENV)/bin/ruff check .
