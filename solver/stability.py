@@ -373,13 +373,16 @@ class StablePath:
         vector stretches it.
         """
         amplitude, made = 1e-2, None
-        for _ in range(3):
+        for _ in range(4):
             found = switch(scene, event, point, rtol=self.rtol, amplitude=amplitude, side=side)
-            if isinstance(found, Outcome) or found.unstable != 0:
-                break
-            gone = (found.e - event.e) / (on - event.e)
+            stays = isinstance(found, Outcome) or found.unstable != 0
+            gone = 0.0 if stays else (found.e - event.e) / (on - event.e)
             if gone <= 0:
-                break
+                if made is not None:
+                    break
+                # Roundoff beside the critical state decides at one distance, not at another.
+                amplitude *= 2
+                continue
             made = found
             if abs(gone - 1) < 0.1:
                 break

@@ -175,7 +175,13 @@ def test_self_weight_buckling():
 
 
 @pytest.mark.parametrize(
-    "gamma, angle, height", [(8.5, 0.836796, 0.796216), (12.0, 1.835560, 0.162135)]
+    "gamma, angle, height",
+    [
+        (8.5, 0.836796, 0.796216),
+        # Here the switch's first try beside the branch point went back to the straight column.
+        (8.5 * (1 + 3e-11 * 784), 0.836796, 0.796216),
+        (12.0, 1.835560, 0.162135),
+    ],
 )
 def test_the_heavy_column_bends_over_on_its_stable_path(gamma, angle, height):
     scene = case.column(weight=gamma, h=0.01, n=12)
