@@ -24,16 +24,18 @@ class Settle:
     """Load steps on a stable path, and the fall to the next one where it ends.
 
     ``steps``: the load steps. ``cuts``: how often a step is divided (by their ``cut``) before the
-    energy falls. ``reach``: see :func:`solver.descent.descend`. A fall is a ``snap`` where it moves
-    the body by more than ``far``, max|Δu| over length, and the tangents at its ends don't explain
-    that; else it is a ``bifurcation`` if it left an unstable state, and nothing if Newton's method
-    had only failed. Needs a scene with an energy.
+    energy falls. ``reach``: see :func:`solver.descent.descend`; ``most``: iterations of the fall at
+    a path's beginning. A fall is a ``snap`` where it moves the body by more than ``far``, max|Δu|
+    over length, and the tangents at its ends don't explain that; else it is a ``bifurcation`` if it
+    left an unstable state, and nothing if Newton's method had only failed. Needs a scene with an
+    energy.
     """
 
     steps: LoadSteps
     cuts: int = 2
     reach: float = 0.1
     far: float = 0.05
+    most: int = 600
     _quick: LoadSteps = field(init=False, repr=False)
 
     def __post_init__(self):
@@ -47,7 +49,7 @@ class Settle:
 
     def begin(self, scene: Scene, x: np.ndarray, e: float, sign: float) -> Point | Outcome:
         """First point: the stable equilibrium down the energy from the guess."""
-        found = descend(scene, x, e, rtol=self.rtol, reach=self.reach)
+        found = descend(scene, x, e, rtol=self.rtol, reach=self.reach, max_iterations=self.most)
         if not found.converged:
             return found.outcome
         point = self.steps.begin(scene, found.x, e, sign)

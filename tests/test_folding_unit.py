@@ -13,7 +13,7 @@ from foldlab import foldability
 from solver.body import Body
 from solver.cases import folding_unit, unit_mesh
 from solver.cases.folding_unit import Unit, build
-from solver.cases.unit_path import Ending, Symmetries, fold, refined
+from solver.cases.unit_path import Check, Ending, Symmetries, fold, refined
 from solver.continuation import LoadSteps, Outcome, load, trace
 from solver.meshes import box
 from solver.scene import Scene
@@ -385,3 +385,35 @@ def test_a_noisy_path_on_arc_length_lands_on_the_contraction():
     assert [s.e for s in arcs.states] != [s.e for s in steps.states]
     again = reached(whole, noise=(1e-3, 1), arc=True)
     assert np.array_equal(again.x, arcs.x)
+
+
+@pytest.mark.parametrize("failures", [1, 3])
+def test_a_fall_that_finds_no_end_is_tried_again_a_step_on(monkeypatch, failures):
+    """Close beyond the loss of a symmetry the fall creeps; the unit was called lost there."""
+
+    def check(self, x, e):
+        return [Check(("x",), int(e > 0.2), 0)] if len(self.model.mirrors) == 2 else []
+
+    monkeypatch.setattr(Symmetries, "check", check)
+    plain = reached(build(P, 0, effects=()))
+    begin, failed = Settle.begin, []
+
+    def creeps(self, scene, x, e, sign):
+        if e > 0 and len(failed) < failures:
+            failed.append(e)
+            return Outcome.NO_STABLE_STATE
+        return begin(self, scene, x, e, sign)
+
+    monkeypatch.setattr(Settle, "begin", creeps)
+    found = fold(build(P, 0, effects=()))
+    loads = [s.e for s in found.states]
+    assert not set(failed) & set(loads) and sorted(failed) == failed
+    if failures > 2:
+        # Patience ends; what was reached before is kept, and the quarter that it was reached on.
+        assert found.ending is Ending.LOST and loads[-1] < failed[0]
+        assert found.model.mirrors == ("x", "y")
+        return
+    assert found.ending is Ending.REACHED
+    (lost,) = found.happenings
+    assert lost.kind == "rocking" and lost.e > failed[0] > plain.happenings[0].e - 1e-12
+    assert angle(found) == pytest.approx(angle(plain), rel=1e-6)

@@ -25,6 +25,7 @@ from solver.settle import Settle
 from solver.terms import OutOfTime
 
 LONGEST = 0.2  # step of e, however little Timoshenko expects the hinge to turn
+PATIENCE = 2  # steps on in an unstable symmetry from which the fall out of it is tried again
 SWAY = 0.05  # root mean square of |Δu| in l_s that an arc-length step may move the unit by
 
 
@@ -263,7 +264,7 @@ class _Walk:
         if isinstance(point, Outcome):
             return self._end(Ending.NO_REST, point.value, None)
         while True:
-            point = self._accept(point)
+            point = self._patiently(point)
             if isinstance(point, Ending):
                 return self._end(point, point.value, self.last)
             if isinstance(point, Outcome):
@@ -291,6 +292,27 @@ class _Walk:
             tuple(self.states), tuple(self.happenings), ending, detail, model, x, self.iterations,
             time.monotonic() - self.begun, self.before,
         )  # fmt: skip
+
+    def _patiently(self, point: Point) -> Point | Outcome | Ending:
+        """As :meth:`_accept`; where the fall out of a symmetry finds no end, from a step further.
+
+        Close beyond a branch point little energy drives the fall, and it creeps.
+        """
+        whole = self.stepper
+        for _ in range(PATIENCE if isinstance(whole, Settle) else 0):
+            kept = self.model, self.symmetries, len(self.happenings)
+            self.stepper = replace(whole, most=whole.most // 4)
+            found = self._accept(point)
+            self.stepper = whole
+            if not isinstance(found, Outcome) or self.model is kept[0] or point.e >= 1.0:
+                return found
+            self.model, self.symmetries = kept[:2]
+            del self.happenings[kept[2] :]
+            further = self.stepper.advance(self.model.scene, point, 1.0)
+            if isinstance(further, Outcome):
+                return found
+            point = further
+        return self._accept(point)
 
     def _accept(self, point: Point) -> Point | Outcome | Ending:
         """The point, or the one that the unit goes to where a symmetry is lost."""
