@@ -80,6 +80,20 @@ def test_a_finer_accuracy_takes_finer_meshes():
     assert abs(coarse["m1"] / 3.772 - 1) < coarse["error_estimate"]
 
 
+def test_meshes_that_agree_by_chance_make_no_small_error_and_no_fine_label():
+    # The path's mesh and the next differ by 0.0004 here.
+    groups = {
+        "E_ratio": 0.009076, "rho_ratio": 0.1082, "hinge_length": 0.3228, "hinge_width": 0.9549,
+        "h_ratio": 0.6798, "stiffness_to_weight": 0.2411, "aspect": 0.8363, "slenderness": 0.02049,
+        "contraction": 0.1616,
+    }  # fmt: skip
+    coarse = SolverSource(accuracy=0.02).label(groups).evidence
+    assert coarse["levels"] == 2 and coarse["error_estimate"] == FLOOR
+    fine = SolverSource(accuracy=0.005).label(groups).evidence
+    assert fine["levels"] > 2 and fine["error_estimate"] >= FLOOR
+    assert fine["unknowns"] > 2 * coarse["unknowns"]
+
+
 # -- contributions -------------------------------------------------------------------------------
 
 
