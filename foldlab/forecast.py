@@ -27,7 +27,7 @@ WEIGHTS = np.r_[2.0 * np.ones(4), 0.7 * np.ones(len(FULL.names))]
 # Of finer meshes: unknowns over those of the second mesh, and core-seconds per 1000 unknowns to
 # find the last state there.
 FINER = {2: 2.2, 3: 5.8}
-SECONDS_PER_1000 = 0.5
+SECONDS_PER_1000 = 0.22
 # MiB of a worker before its first label, and per 1000 unknowns.
 MEMORY = (385.0, 33.0)
 # Seconds of :func:`pace`'s piece of work where the dataset was made.
@@ -68,11 +68,15 @@ def forecast(design: Mapping[str, float], source) -> Forecast | None:
     seconds = near["core_seconds"].to_numpy(float)
     unknowns = near["unknowns"].to_numpy(float)
     levels = near["levels"].to_numpy(int)
+    second = unknowns / np.where(levels > 2, FINER[2], 1.0)
+    third = near["error_estimate"].to_numpy(float) > source.accuracy
     if source.plan.finest > 2:
-        second = unknowns / np.where(levels > 2, FINER[2], 1.0)
-        more = np.where(levels > 2, 0.0, FINER[2] * second) + FINER[3] * second
-        seconds = seconds + more * SECONDS_PER_1000 / 1000
-        unknowns = FINER[3] * second
+        third = np.ones(len(near), bool)
+        seconds = seconds + FINER[3] * second * SECONDS_PER_1000 / 1000
+    seconds = seconds + np.where(third & (levels == 2), FINER[2] * second, 0.0) * (
+        SECONDS_PER_1000 / 1000
+    )
+    unknowns = second * (FINER[3] if source.plan.finest > 2 else np.where(third, FINER[2], 1.0))
     low, middle, high = np.quantile(seconds, [0.1, 0.5, 0.9]) * pace()
     memory = MEMORY[0] + MEMORY[1] * float(np.median(unknowns)) / 1000
     return Forecast(float(middle), float(low), float(high), memory)

@@ -66,6 +66,13 @@ def label(
     space = space_of(table)
     maker = make_source(source, read_settings(settings or (), config), space=space)
     table = space.validate(table)
+    if source == "solver":
+        thick = int((table["h_ratio"] * table["slenderness"] > table["hinge_length"]).sum())
+        if thick:
+            _say(
+                f"warning: {thick} of {len(table)} designs have an active layer thicker than their "
+                "hinge is long: no thin hinges, and the angle of their middle line says little"
+            )
     with ExitStack() as stack:
         store = stack.enter_context(LabelStore(out))
         options = {"workers": workers or 1}

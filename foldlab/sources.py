@@ -150,7 +150,7 @@ class SolverSource:
         self.question, self.upright, self.timeout = question, bool(upright), float(timeout)
         self.seed, self.barrier, self.refine = seed, barrier, refine
         self.strips, self.strip_share = strips, float(strip_share)
-        parts = ["1", growth, effects.replace(",", "+"), f"{accuracy:g}"]
+        parts = ["2", growth, effects.replace(",", "+"), f"{accuracy:g}"]
         parts += ["exists"] * (question == "exists") + ["falls"] * (not upright)
         parts += [f"noise{seed}"] * (seed is not None) + [f"strips{strips}x{strip_share:g}"] * (
             strips > 0
@@ -208,8 +208,8 @@ class SolverSource:
                     break
                 if not again.settled:
                     break
-                found = again, judging.error_between(run, again, groups)
-            run, error = found[0], max(found[1], FLOOR)
+                found = again, judging.difference(run, again, groups)
+            run, error = found[0], judging.stated(found[1], level)
             levels += 1
             if (
                 error <= self.accuracy
@@ -339,17 +339,13 @@ class SolverSource:
             before=folding.before,
         )
         shapes = [*run.shapes[:-1], Shape(finer.model, finer.x, finer.last)]
-        return Run(finer, [*run.history[:-1], row], False, shapes), judging.SHARE * off
+        return Run(finer, [*run.history[:-1], row], False, shapes), off
 
 
 # Unknowns of a mesh that is not refined again; the error then stays as stated. By finest level.
 LARGEST = {2: 6000, 3: 20000}
 
-# Two meshes may agree by chance: no smaller error is stated than this, which 18 designs of a
-# Latin hypercube kept against the finest mesh where their own estimate was too small.
-FLOOR = 1e-3
-
-# Error over |g|π of m2 on meshes of one element across the hinge; the worst of those 18 was 0.17.
+# Error over |g|π of m2 on meshes of one element across the hinge; the worst of 18 was 0.17.
 ACROSS = 0.2
 
 

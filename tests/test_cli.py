@@ -272,3 +272,15 @@ def test_help_names_every_verb(foldlab):
         "design",
     ]:
         assert f" {verb} " in out
+
+
+def test_thick_layers_are_warned_about_not_refused(foldlab, tmp_path, monkeypatch):
+    design = {
+        "E_ratio": 0.1, "rho_ratio": 1.0, "hinge_length": 0.05, "hinge_width": 1.0, "h_ratio": 5.0,
+        "stiffness_to_weight": 1.0, "aspect": 0.2, "slenderness": 0.02, "contraction": 0.1,
+    }  # fmt: skip
+    table = pd.DataFrame([design, {**design, "hinge_length": 0.3}])
+    table.to_parquet(tmp_path / "d.parquet")
+    quick = "--source solver --set timeout=0.001 -o s.db"
+    status, _, err = foldlab(f"label d.parquet {quick}")
+    assert status == 0 and "warning: 1 of 2 designs have an active layer thicker" in err

@@ -9,8 +9,9 @@ from foldlab import forecast, why
 from foldlab.datasets import load_dataset
 from foldlab.design import FULL
 from foldlab.foldability import weight_turning
+from foldlab.judging import FLOOR
 from foldlab.labels import Label
-from foldlab.sources import FLOOR, SolverSource
+from foldlab.sources import SolverSource
 from solver.cases.folding_unit import Unit, build
 from solver.cases.unit_path import fold
 from solver.terms import Elastic, Gravity
@@ -74,7 +75,7 @@ def test_a_finer_accuracy_takes_finer_meshes():
     found = {a: SolverSource(accuracy=a, effects="none").label(DESIGN) for a in (0.05, 0.005)}
     coarse, fine = found[0.05].evidence, found[0.005].evidence
     assert fine["levels"] > coarse["levels"] and fine["unknowns"] > 2 * coarse["unknowns"]
-    assert FLOOR <= fine["error_estimate"] < min(0.005, coarse["error_estimate"])
+    assert FLOOR[3] <= fine["error_estimate"] < min(0.005, coarse["error_estimate"])
     # Problem P: two independent codes agree on 3.772 within 0.1 %.
     assert abs(fine["m1"] / 3.772 - 1) < fine["error_estimate"] + 1e-3
     assert abs(coarse["m1"] / 3.772 - 1) < coarse["error_estimate"]
@@ -88,9 +89,9 @@ def test_meshes_that_agree_by_chance_make_no_small_error_and_no_fine_label():
         "contraction": 0.1616,
     }  # fmt: skip
     coarse = SolverSource(accuracy=0.02).label(groups).evidence
-    assert coarse["levels"] == 2 and coarse["error_estimate"] == FLOOR
+    assert coarse["levels"] == 2 and coarse["error_estimate"] == FLOOR[1]
     fine = SolverSource(accuracy=0.005).label(groups).evidence
-    assert fine["levels"] > 2 and fine["error_estimate"] >= FLOOR
+    assert fine["levels"] > 2 and fine["error_estimate"] >= FLOOR[3]
     assert fine["unknowns"] > 2 * coarse["unknowns"]
 
 
