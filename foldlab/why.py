@@ -131,6 +131,13 @@ def advise(
             f"Timoshenko's formula gives {simple:.3g} rad, within the error asked for: for designs "
             "like this one the source timoshenko would do"
         )
+    turn = max(max(abs(h["m1"]), abs(h["hinge"]), h["m2"]) for h in run.history)
+    if turn**2 / 6 < source.accuracy:
+        # sin θ against θ is what a linear theory leaves out.
+        says.append(
+            f"nothing turns by more than {turn:.2g} rad: small strain and small rotations would do "
+            f"(off by about {100 * turn**2 / 6:.1g} %)"
+        )
     lost = [x for x in e["events"] if x["kind"] in ("sideways", "rocking", "twisting")]
     whole = {0: "the whole unit", 1: "half of it"}
     if lost:

@@ -178,6 +178,9 @@ def test_left_out_weight_contact_and_simpler_models_are_named():
     run, label = source.follow({**DESIGN, "contraction": 0.05})
     assert says(why.advise(label, run, source), "contact never acted")
     assert says(why.advise(label, run, source), "Timoshenko's formula gives 0.606")
+    assert not says(why.advise(label, run, source), "small strain")  # 0.606² / 6 = 6 %
+    run, label = source.follow({**DESIGN, "contraction": 0.03})
+    assert says(why.advise(label, run, source), "small strain and small rotations would do")
 
 
 def test_a_curled_unit_is_told_to_ask_for_a_folded_state(heavy):
