@@ -69,16 +69,19 @@ def forecast(design: Mapping[str, float], source) -> Forecast | None:
     unknowns = near["unknowns"].to_numpy(float)
     levels = near["levels"].to_numpy(int)
     second = unknowns / np.where(levels > 2, FINER[2], 1.0)
-    third = near["error_estimate"].to_numpy(float) > source.accuracy
+    error = near["error_estimate"].to_numpy(float)
+    # A finer mesh has about a quarter of the error.
+    third = np.where(levels > 2, error * 4, error) > source.accuracy
     if source.plan.finest > 2:
-        third = np.ones(len(near), bool)
-        seconds = seconds + FINER[3] * second * SECONDS_PER_1000 / 1000
-    seconds = seconds + np.where(third & (levels == 2), FINER[2] * second, 0.0) * (
-        SECONDS_PER_1000 / 1000
-    )
-    unknowns = second * (FINER[3] if source.plan.finest > 2 else np.where(third, FINER[2], 1.0))
+        fourth, third = np.where(levels > 2, error, error / 4) > source.accuracy, error >= 0
+        seconds = seconds + np.where(fourth, FINER[3] * second, 0.0) * SECONDS_PER_1000 / 1000
+    more = np.where(third & (levels == 2), FINER[2] * second, 0.0)
+    seconds = seconds + more * SECONDS_PER_1000 / 1000
+    sizes = second * np.where(third, FINER[2], 1.0)
+    if source.plan.finest > 2:
+        sizes = np.where(fourth, FINER[3] * second, sizes)
     low, middle, high = np.quantile(seconds, [0.1, 0.5, 0.9]) * pace()
-    memory = MEMORY[0] + MEMORY[1] * float(np.median(unknowns)) / 1000
+    memory = MEMORY[0] + MEMORY[1] * float(np.median(sizes)) / 1000
     return Forecast(float(middle), float(low), float(high), memory)
 
 
