@@ -36,8 +36,8 @@ class Plan:
 
 
 # By the accuracy from which on they hold. Below 0.01 the path's mesh counts for nothing, and the
-# error is that of two finer ones. Longer steps and looser tolerances saved nothing on 14 designs
-# (medians of seconds 1.3, 1.4 and 1.8 at 0.5, 0.7 and 1.0 rad), and lost one.
+# error is that of two finer ones. Longer steps and looser tolerances save little: on 14 designs the
+# median was 1.6, 1.5 and 2.1 core-seconds at 0.5 rad and 1e-6, 0.7 and 1e-5, 1.0 and 1e-4.
 PLANS = {0.01: Plan(2), 0.0: Plan(3)}
 
 EFFECTS = ("gravity,ground", "gravity,ground,contact", "contact", "none")
@@ -79,17 +79,17 @@ class SolverSource:
 
     ``accuracy``: error that is asked for, of the fold angle and of the turning across the hinge,
     relative to the angle or to what counts as folded (|g|π), whichever is larger; meshes are
-    refined until two of them agree so well, at most to the third. ``effects``: one of
-    :data:`EFFECTS`; "contact" is that of the panels with each other. ``growth``: "uniaxial" or
-    "isotropic". ``question``: "from_flat", or "exists": is there a folded stable state, approached
-    by uniaxial contraction and then released to isotropic? ``upright``: whether the unit is held
-    against toppling. ``timeout``: seconds per label, after which it is unknown. ``seed``: follow
-    noisy steps (§4.3.3) on the whole unit instead of testing symmetric ones. ``strips``: active
-    strips side by side along the hinge that cover ``strip_share`` of its width (0: a solid layer).
-    ``barrier``: the ground's, "surface" or the dissertation's "exponential" (Eq. 4.5).
-    ``refine``: "always"; "near" a threshold only and where the coarsest path is in doubt, see
-    :mod:`foldlab.screening`; or "never". What is not refined states an error that was calibrated on
-    other designs.
+    refined until two of them agree so well, at most to the third, below 0.01 to the fourth.
+    ``effects``: one of :data:`EFFECTS`; "contact" is that of the panels with each other.
+    ``growth``: "uniaxial" or "isotropic". ``question``: "from_flat", or "exists": is there a folded
+    stable state, approached by uniaxial contraction and then released to isotropic? ``upright``:
+    whether the unit is held against toppling. ``timeout``: seconds per label, after which it is
+    unknown. ``seed``: follow noisy steps (§4.3.3) on the whole unit instead of testing symmetric
+    ones. ``strips``: active strips side by side along the hinge that cover ``strip_share`` of its
+    width (0: a solid layer). ``barrier``: the ground's, "surface" or the dissertation's
+    "exponential" (Eq. 4.5). ``refine``: "always"; "near" a threshold only and where the coarsest
+    path is in doubt, see :mod:`foldlab.screening`; or "never". What is not refined states an error
+    that was calibrated on other designs.
 
     Without "contact" panels pass through each other, as in the dissertation; a path ends where the
     fold has made a full turn, and where the hinge has curled through half a turn about the other
@@ -131,11 +131,12 @@ class SolverSource:
             raise InputError(f"barrier {barrier!r}; expected 'surface' or 'exponential'")
         if refine not in ("always", "near", "never"):
             raise InputError(f"refine {refine!r}; expected 'always', 'near' or 'never'")
-        usual = growth == "uniaxial" and effects != "none" and upright and seed is None
+        usual = growth == "uniaxial" and effects == "gravity,ground" and upright and seed is None
         if refine != "always" and not (usual and strips == 0 and barrier == "surface"):
             raise InputError(
                 f"refine {refine!r} needs a known error of the coarsest mesh, and it was measured "
-                "for uniaxial contraction of solid upright units with weight only; take 'always'"
+                "for uniaxial contraction of solid upright units with weight, without contact; "
+                "take 'always'"
             )
         for name, value in (("accuracy", accuracy), ("timeout", timeout)):
             if not (np.isfinite(value) and value > 0):
@@ -278,7 +279,7 @@ class SolverSource:
         growth = "uniaxial" if self.question == "exists" else self.growth
         options = {
             "effects": self.terms, "upright": self.upright, "deadline": deadline,
-            "clock": clock,
+            "clock": clock, "element": self.plan.element,
             "barrier": self.barrier, "curls": self.growth == "isotropic",
         }  # fmt: skip
         if self.seed is not None:

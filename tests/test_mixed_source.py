@@ -135,7 +135,8 @@ def test_versions_keep_such_labels_apart():
     "settings",
     [
         {"growth": "isotropic"}, {"effects": "none"}, {"upright": False}, {"seed": 1},
-        {"strips": 2}, {"barrier": "exponential"},
+        {"strips": 2}, {"barrier": "exponential"}, {"effects": "contact"},
+        {"effects": "gravity,ground,contact"},
     ],
 )  # fmt: skip
 @pytest.mark.parametrize("mode", ["near", "never"])
