@@ -20,13 +20,13 @@ from scipy.stats import binomtest
 
 from experiments.common import main, save_figure
 from experiments.gravity_campaign import SHEETS
-from foldlab import foldability
 from foldlab.design import FULL
-from foldlab.forecast import forecast
+from foldlab.labels import foldability
+from foldlab.labels.forecast import forecast
+from foldlab.labels.solver import SolverSource
 from foldlab.plots import STYLE
-from foldlab.sources import SolverSource
-from solver.cases import unit_path
-from solver.cases.unit_mesh import LEVELS, Sizes
+from solver.cases.unit import path as unit_path
+from solver.cases.unit.mesh import LEVELS, Sizes
 
 # One finer than the finest of :data:`LEVELS`.
 FINEST = Sizes(0.03125, 2, 0.18, 0.0625, 0.35, 4)

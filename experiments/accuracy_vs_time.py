@@ -15,9 +15,7 @@ from typing import Any
 import pandas as pd
 from threadpoolctl import threadpool_limits
 
-from experiments import _accuracy_labels as labels
-from experiments import _accuracy_plots as plots
-from experiments import _accuracy_solver as paths
+from experiments._accuracy import labels, paths, plots
 from experiments.common import main, save_figure
 from foldlab.errors import InputError
 

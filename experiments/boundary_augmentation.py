@@ -8,9 +8,9 @@ from dataclasses import dataclass
 from typing import Any
 
 from experiments.common import main, save_figure
-from foldlab.augment import Plan, compare_strategies
-from foldlab.plots import plot_learning_curves
-from foldlab.sources import TimoshenkoSource
+from foldlab.labels.timoshenko import TimoshenkoSource
+from foldlab.learning.augment import Plan, compare_strategies
+from foldlab.learning.plots import plot_learning_curves
 
 
 @dataclass(frozen=True)

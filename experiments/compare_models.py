@@ -16,20 +16,16 @@ import numpy as np
 import pandas as pd
 
 from experiments.common import main, save_figure
-from foldlab import inverse
-from foldlab.classify import make_classifier, score
-from foldlab.compare import compare
 from foldlab.design import REDUCED
-from foldlab.operating_point import (
-    at_rate,
-    loss_weight_curve,
-    plot_trade_off,
-    threshold_curve,
-)
-from foldlab.plots import plot_pareto
-from foldlab.quickstart import symbolic_options
-from foldlab.sources import TimoshenkoSource
-from foldlab.wish import Wish
+from foldlab.inverse import propose as inverse
+from foldlab.inverse.wish import Wish
+from foldlab.labels.timoshenko import TimoshenkoSource
+from foldlab.learning.compare import compare
+from foldlab.learning.models import make_classifier
+from foldlab.learning.operating_point import at_rate, loss_weight_curve, threshold_curve
+from foldlab.learning.plots import plot_pareto, plot_trade_off
+from foldlab.learning.scoring import score
+from foldlab.learning.train import symbolic_options
 
 MODELS = ("tree", "distilled", "forest", "boosted", "dissertation", "network", "symbolic")
 

@@ -19,8 +19,8 @@ import pandas as pd
 from experiments.common import main, save_figure
 from foldlab.errors import InputError
 from foldlab.plots import LINES, STYLE
-from solver.cases import creep
-from solver.evolution import TimeSteps, Unresolved, evolve, start
+from solver.cases.tissue import creep
+from solver.viscous.evolution import TimeSteps, Unresolved, evolve, start
 
 
 @dataclass(frozen=True)

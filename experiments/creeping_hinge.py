@@ -16,13 +16,14 @@ import numpy as np
 import pandas as pd
 
 from experiments.common import main, save_figure
-from foldlab import foldability
+from foldlab.labels import foldability
 from foldlab.plots import LINES, STYLE
-from solver.cases.folding_unit import Unit, build
-from solver.cases.tissue import ramp
-from solver.evolution import TimeSteps, evolve, start
-from solver.rheology import SLS
-from solver.viscous import softened
+from solver.cases.tissue.model import ramp
+from solver.cases.unit.model import build
+from solver.cases.unit.unit import Unit
+from solver.viscous.evolution import TimeSteps, evolve, start
+from solver.viscous.rheology import SLS
+from solver.viscous.term import softened
 
 
 @dataclass(frozen=True)

@@ -17,8 +17,8 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from experiments.common import main, save_figure
+from foldlab.labels.solver import SolverSource
 from foldlab.plots import STYLE
-from foldlab.sources import SolverSource
 
 TABLE_41 = {
     "E_ratio": 0.1, "rho_ratio": 0.1, "hinge_length": 0.2, "hinge_width": 1.0, "h_ratio": 5.0,

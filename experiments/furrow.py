@@ -21,11 +21,11 @@ from scipy.spatial import cKDTree
 from experiments.common import OUT, main, save_figure
 from foldlab.errors import InputError
 from foldlab.plots import LINES, STYLE
-from solver.cases import furrow
-from solver.cases.tissue import Model, ramp
-from solver.evolution import TimeSteps, march, start
+from solver.cases.tissue import furrow
+from solver.cases.tissue.model import Model, ramp
 from solver.output import Series, grid
-from solver.patterns import read_pattern
+from solver.physics.patterns import read_pattern
+from solver.viscous.evolution import TimeSteps, march, start
 
 # Of β from 0 to 1.
 COLOURS = LinearSegmentedColormap.from_list("pattern", ["#9DB4CC", "#E2A33B"])

@@ -20,11 +20,11 @@ import pandas as pd
 from matplotlib.figure import Figure
 
 from experiments.common import OUT, main, save_figure
-from foldlab.campaign import run_campaign
+from foldlab.campaign.campaign import run_campaign
 from foldlab.design import FULL
-from foldlab.labels import LabelStore
+from foldlab.labels.solver import SolverSource
+from foldlab.labels.store import LabelStore
 from foldlab.plots import STYLE
-from foldlab.sources import SolverSource
 
 SHEETS = FULL.with_bounds(slenderness=(1e-3, 3e-2))
 

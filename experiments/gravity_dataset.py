@@ -18,12 +18,12 @@ import pandas as pd
 
 from experiments.common import OUT, main, save_figure
 from experiments.gravity_campaign import SHEETS, picture
-from foldlab.campaign import run_campaign
+from foldlab.campaign.campaign import run_campaign
 from foldlab.design import FULL
 from foldlab.errors import InputError
-from foldlab.judging import FLOOR, SHARE
-from foldlab.labels import LabelStore
-from foldlab.sources import SolverSource
+from foldlab.labels.solver import SolverSource
+from foldlab.labels.store import LabelStore
+from foldlab.labels.verdict import FLOOR, SHARE
 from foldlab.tables import write_table
 from foldlab.tracking import commit
 

@@ -18,18 +18,17 @@ import pandas as pd
 from sklearn.model_selection import StratifiedKFold, train_test_split
 
 from experiments.common import main, save_figure
-from foldlab.classify import model_size, score
-from foldlab.compare import fit
 from foldlab.datasets import load_dataset
 from foldlab.design import FULL
 from foldlab.errors import InputError
-from foldlab.operating_point import at_rate
-from foldlab.quickstart import symbolic_options
-from foldlab.regime_plots import plot_regimes
-from foldlab.regimes import probability_of_folding, regime_map
-from foldlab.sources import SolverSource
+from foldlab.labels.solver import SolverSource
+from foldlab.learning.features import probability_of_folding
+from foldlab.learning.operating_point import at_rate
+from foldlab.learning.scoring import model_size, score
+from foldlab.learning.train import fit, known_labels, symbolic_options
+from foldlab.maps.plots import plot_regimes
+from foldlab.maps.regimes import regime_map
 from foldlab.tables import read_table
-from foldlab.train import known_labels
 
 AXES, SLICED = ("E_ratio", "h_ratio"), "stiffness_to_weight"
 HELD = {

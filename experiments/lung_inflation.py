@@ -20,20 +20,21 @@ import numpy as np
 import pandas as pd
 from scipy.interpolate import CubicSpline
 
+from experiments._lung.plots import plot_inflation, plot_pictures
+from experiments._lung.render import pictures
 from experiments.common import OUT, main, save_figure
 from foldlab.errors import InputError
-from foldlab.lung_plots import plot_inflation, plot_pictures
-from foldlab.lung_render import pictures
-from solver.body import Body
-from solver.cases import lung as case
-from solver.cases.lung import REST, State, Tissue, inner_stretch, part_of, scene, to_limit
-from solver.cases.lung_geometry import Lung
-from solver.cases.lung_measures import measure, radial
-from solver.cases.lung_mesh import LEVELS, Counts, hexahedra, tetrahedra
-from solver.cases.lung_stability import Classes, spread, total
-from solver.continuation import ArcLength, LoadSteps, trace
-from solver.materials import NeoHookean
+from solver.cases.lung import model as case
+from solver.cases.lung.geometry import Lung
+from solver.cases.lung.measures import measure, radial
+from solver.cases.lung.mesh import LEVELS, Counts, hexahedra, tetrahedra
+from solver.cases.lung.model import REST, State, Tissue, inner_stretch, part_of, scene, to_limit
+from solver.cases.lung.stability import Classes, spread, total
+from solver.mesh.body import Body
 from solver.output import Series
+from solver.paths.continuation import trace
+from solver.paths.steppers import ArcLength, LoadSteps
+from solver.physics.materials import NeoHookean
 
 # Thick neo-Hookean sphere, ν = 0.3, h = 0.05 of the mid-surface's radius: p/E over the inner
 # stretch, and its limit point; from an ordinary differential equation solved to 1e-12.

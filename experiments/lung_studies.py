@@ -18,10 +18,7 @@ import numpy as np
 import pandas as pd
 from matplotlib.figure import Figure
 
-from experiments.common import main, save_figure
-from experiments.lung_inflation import known, prepared
-from foldlab.errors import InputError
-from foldlab.lung_plots import (
+from experiments._lung.plots import (
     plot_curves,
     plot_models,
     plot_pressure,
@@ -29,14 +26,17 @@ from foldlab.lung_plots import (
     plot_stiffness,
     signed,
 )
-from solver.body import Body
-from solver.cases import lung as case
-from solver.cases.lung import REST, State, scene, to_limit
-from solver.cases.lung_measures import Measures, measure, radial
-from solver.cases.lung_mesh import hexahedra, tetrahedra
-from solver.cases.lung_paths import Paths
-from solver.cases.lung_stability import Classes, total
-from solver.continuation import Path
+from experiments.common import main, save_figure
+from experiments.lung_inflation import known, prepared
+from foldlab.errors import InputError
+from solver.cases.lung import model as case
+from solver.cases.lung.measures import Measures, measure, radial
+from solver.cases.lung.mesh import hexahedra, tetrahedra
+from solver.cases.lung.model import REST, State, scene, to_limit
+from solver.cases.lung.paths import Paths
+from solver.cases.lung.stability import Classes, total
+from solver.mesh.body import Body
+from solver.paths.continuation import Path
 
 
 @dataclass(frozen=True)

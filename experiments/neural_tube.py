@@ -11,7 +11,7 @@ from typing import Any
 
 from experiments.common import main
 from experiments.furrow import panel, study, warped
-from solver.cases import neural_tube
+from solver.cases.tissue import neural_tube
 
 
 @dataclass(frozen=True)

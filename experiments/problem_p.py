@@ -17,9 +17,10 @@ import pandas as pd
 
 from experiments.common import OUT, main, save_figure
 from foldlab.plots import STYLE
-from solver.cases import problem_p
-from solver.continuation import LoadSteps, Path, trace
+from solver.cases.unit import problem_p
 from solver.output import Series, cell_fields
+from solver.paths.continuation import Path, trace
+from solver.paths.steppers import LoadSteps
 
 
 @dataclass(frozen=True)

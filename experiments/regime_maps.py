@@ -6,12 +6,11 @@ from dataclasses import dataclass
 from typing import Any
 
 from experiments.common import main, save_figure
-from foldlab.compare import fit
 from foldlab.design import REDUCED
-from foldlab.quickstart import symbolic_options
-from foldlab.regime_plots import plot_regimes
-from foldlab.regimes import regime_map
-from foldlab.sources import TimoshenkoSource
+from foldlab.labels.timoshenko import TimoshenkoSource
+from foldlab.learning.train import fit, symbolic_options
+from foldlab.maps.plots import plot_regimes
+from foldlab.maps.regimes import regime_map
 
 
 @dataclass(frozen=True)

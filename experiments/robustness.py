@@ -3,7 +3,7 @@
 Designs of the full space, with and without weight, contracting along the sheet and in all
 directions, each on the coarsest mesh. A path is complete at the full contraction, or where the fold
 has made a full turn; every last state is looked at again by the second code path of
-solver.cases.unit_audit. The condition number is that of the stiffness on what supports and rows
+solver.cases.unit.audit. The condition number is that of the stiffness on what supports and rows
 leave free, in the 2-norm: largest eigenvalue (Lanczos' method, to 1 %) over the one nearest to 0
 (inverse iteration). A run that was stopped goes on where it was.
 """
@@ -27,15 +27,16 @@ from scipy.sparse import bsr_array
 from scipy.sparse.linalg import LinearOperator, eigsh
 
 from experiments.common import OUT, main, save_figure
-from foldlab import foldability
 from foldlab.design import FULL
+from foldlab.labels import foldability
 from foldlab.plots import LINES, STYLE, symbol
-from solver.cases.folding_unit import EFFECTS, Unit, build
-from solver.cases.unit_audit import audit, faults
-from solver.cases.unit_path import Ending, fold
-from solver.descent import critical_mode
-from solver.linear import SingularMatrix
-from solver.scene import Scene
+from solver.cases.unit.audit import audit, faults
+from solver.cases.unit.model import build
+from solver.cases.unit.path import Ending, fold
+from solver.cases.unit.unit import EFFECTS, Unit
+from solver.equilibrium.descent import critical_mode
+from solver.equilibrium.linear import SingularMatrix
+from solver.equilibrium.scene import Scene
 
 THIRDS = ("low", "middle", "high")
 

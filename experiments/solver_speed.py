@@ -106,7 +106,7 @@ def path_cost(element: str, level: int, across: int = 1) -> dict[str, Any]:
     ``overhead``: share of the path's time that is neither factorisation nor solve.
     """
     from experiments.problem_p import follow_to
-    from solver.cases import problem_p
+    from solver.cases.unit import problem_p
 
     follow_to(problem_p.scene(problem_p.mesh(0, element), g=-0.01))  # compiles, or loads the cache
     start = time.perf_counter()
@@ -159,7 +159,7 @@ def _clocked(scene) -> list[float]:
 
 def sized(element: str, unknowns: int):
     """Problem P's whole unit on a uniform mesh of about so many unknowns."""
-    from solver.cases import problem_p
+    from solver.cases.unit import problem_p
 
     best = None
     for n in range(2, 80):
@@ -185,7 +185,7 @@ def sized(element: str, unknowns: int):
 
 def iteration_cost(element: str, unknowns: int, repeats: int) -> dict[str, Any]:
     """One Newton iteration at g = −0.03 near the flat state; medians over repeats."""
-    from solver.cases import problem_p
+    from solver.cases.unit import problem_p
 
     warm = problem_p.scene(problem_p.mesh(0, element))
     warm.system(np.zeros(warm.size), 0.1).factorise()

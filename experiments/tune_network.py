@@ -8,8 +8,9 @@ from typing import Any
 
 from experiments.common import OUT, main, save_figure
 from foldlab.design import REDUCED
-from foldlab.sources import TimoshenkoSource
-from foldlab.tune import Search, plot_study, tune
+from foldlab.labels.timoshenko import TimoshenkoSource
+from foldlab.learning.plots import plot_study
+from foldlab.learning.tune import Search, tune
 
 
 @dataclass(frozen=True)

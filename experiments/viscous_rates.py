@@ -20,17 +20,18 @@ import scipy.sparse as sp
 
 from experiments.common import main, save_figure
 from foldlab.plots import LINES, STYLE
-from solver.cases import furrow
-from solver.cases.tissue import Model, Tissue, ramp
-from solver.continuation import LoadSteps, trace
-from solver.evolution import TimeSteps, Unresolved, evolve, start, viscous
-from solver.linear import make_solver
-from solver.newton import newton
-from solver.rheology import branches
-from solver.viscous import Past
-from solver.viscous_kernel import inverse, nine, six
-from solver.viscous_tree import pair
-from solver.viscous_tree import spring as spring_response
+from solver.cases.tissue import furrow
+from solver.cases.tissue.model import Model, Tissue, ramp
+from solver.equilibrium.linear import make_solver
+from solver.equilibrium.newton import newton
+from solver.paths.continuation import trace
+from solver.paths.steppers import LoadSteps
+from solver.viscous.evolution import TimeSteps, Unresolved, evolve, start, viscous
+from solver.viscous.kernel import inverse, nine, six
+from solver.viscous.rheology import branches
+from solver.viscous.term import Past
+from solver.viscous.tree import pair
+from solver.viscous.tree import spring as spring_response
 
 
 @dataclass(frozen=True)

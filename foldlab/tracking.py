@@ -56,11 +56,12 @@ class Run:
 
         Networks are exported with torch.export and answer with log-odds, other models go through
         skops and answer with classes; neither is a bare pickle. The folder of
-        :func:`foldlab.saving.save_model` lies beside either under ``models``, for a formula alone.
+        :func:`foldlab.learning.saving.save_model` lies beside either under ``models``, for a
+        formula alone.
         """
         from sklearn.model_selection import FixedThresholdClassifier
 
-        from foldlab import saving
+        from foldlab.learning import saving
 
         with tempfile.TemporaryDirectory() as folder:
             saved = saving.save_model(classifier, Path(folder) / name)

@@ -25,9 +25,9 @@ from vtkmodules.vtkCommonDataModel import (
 )
 from vtkmodules.vtkIOXML import vtkXMLUnstructuredGridWriter
 
-from solver.body import ELEMENTS, Body
-from solver.checks import determinants, orientation
-from solver.terms import Elastic
+from solver.mesh.body import ELEMENTS, Body
+from solver.mesh.checks import determinants, orientation
+from solver.physics.elastic import Elastic
 
 CELLS = {
     "hex27": vtkTriQuadraticHexahedron,

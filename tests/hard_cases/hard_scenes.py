@@ -3,18 +3,21 @@
 import numpy as np
 from reference_scenes import AXES, held, modulus, near, strip
 
-from foldlab import foldability
-from solver.body import Body
-from solver.cases import unit_mesh
-from solver.cases.folding_unit import Unit
-from solver.cases.unit_path import Ending, fold
-from solver.continuation import LoadSteps, load, trace
-from solver.ground import Ground
-from solver.growth import General, Orthotropic
-from solver.materials import NeoHookean
-from solver.meshes import box, graded, joined
-from solver.scene import Fixed, Row, Scene, translation_row
-from solver.terms import Elastic, Gravity
+from foldlab.labels import foldability
+from solver.cases.unit import mesh as unit_mesh
+from solver.cases.unit.path import Ending, fold
+from solver.cases.unit.unit import Unit
+from solver.equilibrium.scene import Scene
+from solver.mesh.body import Body
+from solver.mesh.structured import box, graded, joined
+from solver.paths.continuation import load, trace
+from solver.paths.steppers import LoadSteps
+from solver.physics.elastic import Elastic
+from solver.physics.ground import Ground
+from solver.physics.growth import General, Orthotropic
+from solver.physics.loads import Gravity
+from solver.physics.materials import NeoHookean
+from solver.physics.supports import Fixed, Row, translation_row
 
 # Problem P as a unit (physics.md §4), and meshes that are coarse but converge in their geometry.
 P = Unit(

@@ -10,13 +10,17 @@ from path_toys import truss, truss_load
 from reference_scenes import AXES, held, modulus, near
 from reference_structures import arch
 
-from solver.body import Body
-from solver.continuation import ArcLength, LoadSteps, Noise, Outcome, load, trace, turned
-from solver.materials import NeoHookean
-from solver.meshes import box
-from solver.scene import Fixed, Scene
-from solver.settle import Settle
-from solver.terms import Elastic, Traction
+from solver.equilibrium.newton import Outcome
+from solver.equilibrium.scene import Scene
+from solver.mesh.body import Body
+from solver.mesh.structured import box
+from solver.paths.continuation import load, trace
+from solver.paths.stable import Settle
+from solver.paths.steppers import ArcLength, LoadSteps, Noise, turned
+from solver.physics.elastic import Elastic
+from solver.physics.loads import Traction
+from solver.physics.materials import NeoHookean
+from solver.physics.supports import Fixed
 
 
 def rest(scene):

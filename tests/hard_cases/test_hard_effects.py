@@ -11,28 +11,33 @@ import pytest
 from hard_scenes import COARSE, P, reached
 from reference_scenes import held
 
-from solver import ground, growth, pressure, steppers, terms
-from solver.body import Body, NodeGraph
-from solver.cases.folding_unit import build
-from solver.continuation import LoadSteps, Noise, trace
-from solver.growth import Isotropic
-from solver.linear import Pardiso
-from solver.materials import NeoHookean
-from solver.meshes import box
-from solver.scene import Fixed, Scene, translation_row
-from solver.terms import Elastic, Traction
+from solver.cases.unit.model import build
+from solver.equilibrium import clock
+from solver.equilibrium.linear import Pardiso
+from solver.equilibrium.scene import Scene
+from solver.mesh.body import Body, NodeGraph
+from solver.mesh.structured import box
+from solver.paths import steppers
+from solver.paths.continuation import trace
+from solver.paths.steppers import LoadSteps, Noise
+from solver.physics import ground, growth, loads, pressure
+from solver.physics.elastic import Elastic
+from solver.physics.growth import Isotropic
+from solver.physics.loads import Traction
+from solver.physics.materials import NeoHookean
+from solver.physics.supports import Fixed, translation_row
 
 # Everything that belongs to one effect: its constructor, what terms are asked for, its kernels.
 PARTS = {
-    "gravity": [(terms.Gravity, ("__init__", "weights", "evaluate"))],
+    "gravity": [(loads.Gravity, ("__init__", "weights", "evaluate"))],
     "ground": [
         (ground.Ground, ("__init__", "evaluate", "gaps", "longest_step", "_heights")),
         (ground.GroundExponential, ("__init__", "evaluate", "gaps")),
         (ground, ("_barrier", "_exponential")),
     ],
     "pressure": [(pressure.Pressure, ("__init__", "evaluate"))],
-    "traction": [(terms.Traction, ("__init__", "loads", "evaluate"))],
-    "deadline": [(terms.Deadline, ("__init__", "evaluate"))],
+    "traction": [(loads.Traction, ("__init__", "loads", "evaluate"))],
+    "deadline": [(clock.Deadline, ("__init__", "evaluate"))],
     "noise": [(steppers.Noise, ("draw",))],
     "growth": [
         (kind, ("__init__", "tensor"))
@@ -95,12 +100,12 @@ def test_each_absent_effect_of_a_block_stays_silent(monkeypatch):
         assert set(calls) == {"traction"}
         run(growth=growth.Isotropic(lambda e: -0.1 * e))
         assert set(calls) == {"traction", "growth"}
-        run(terms.Gravity(body, 1.0, 0.01), noise=Noise(1e-3, 0))
+        run(loads.Gravity(body, 1.0, 0.01), noise=Noise(1e-3, 0))
         assert set(calls) == {"traction", "growth", "gravity", "noise"}
         below = body.surface(lambda X: X[:, 2] < 1e-9)
         run(
             ground.Ground(body, below, thickness=1.0, pressure=0.1, height=-0.05),
-            pressure.Pressure(body, end, lambda e: 0.01 * e), terms.Deadline(1e12),
+            pressure.Pressure(body, end, lambda e: 0.01 * e), clock.Deadline(1e12),
         )  # fmt: skip
         assert set(calls) == set(PARTS)
 

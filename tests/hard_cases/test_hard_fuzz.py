@@ -1,6 +1,6 @@
 """Random designs over the whole design space: no crash, no hang, no NaN, no silent wrong answer.
 
-Each path either ends in words or in a state that a second code path (solver.cases.unit_audit:
+Each path either ends in words or in a state that a second code path (solver.cases.unit.audit:
 plain NumPy, complex steps, LAPACK, no supports) finds at rest, stable and of the energy that was
 reported. ``FOLDLAB_FUZZ_HOURS=8 pytest tests/hard_cases -k fuzz`` goes on with further designs.
 """
@@ -13,14 +13,17 @@ import numpy as np
 import pytest
 from hard_scenes import COARSE, P
 
-from foldlab import foldability
 from foldlab.design import FULL, REDUCED
-from solver.cases.folding_unit import EFFECTS, Unit, build, plane
-from solver.cases.unit_audit import audit, faults
-from solver.cases.unit_path import Ending, fold
-from solver.continuation import LoadSteps, load, trace
-from solver.descent import descend
-from solver.scene import Fixed, Row, Scene
+from foldlab.labels import foldability
+from solver.cases.unit.audit import audit, faults
+from solver.cases.unit.model import build, plane
+from solver.cases.unit.path import Ending, fold
+from solver.cases.unit.unit import EFFECTS, Unit
+from solver.equilibrium.descent import descend
+from solver.equilibrium.scene import Scene
+from solver.paths.continuation import load, trace
+from solver.paths.steppers import LoadSteps
+from solver.physics.supports import Fixed, Row
 
 DESIGNS, BATCH, TIMEOUT = 40, 10, 30.0
 SEED = 20

@@ -11,19 +11,22 @@ from reference_structures import heavy_strip
 from scipy.integrate import quad
 from scipy.optimize import brentq
 
-from solver.body import Body
-from solver.cases.folding_unit import build
-from solver.cases.unit_audit import audit
-from solver.cases.unit_path import Ending, fold
-from solver.continuation import LoadSteps, load, trace
-from solver.descent import descend
-from solver.ground import Ground
-from solver.growth import General
-from solver.materials import NeoHookean
-from solver.meshes import box
-from solver.scene import Fixed, Scene
-from solver.settle import Settle
-from solver.terms import Elastic, Gravity
+from solver.cases.unit.audit import audit
+from solver.cases.unit.model import build
+from solver.cases.unit.path import Ending, fold
+from solver.equilibrium.descent import descend
+from solver.equilibrium.scene import Scene
+from solver.mesh.body import Body
+from solver.mesh.structured import box
+from solver.paths.continuation import load, trace
+from solver.paths.stable import Settle
+from solver.paths.steppers import LoadSteps
+from solver.physics.elastic import Elastic
+from solver.physics.ground import Ground
+from solver.physics.growth import General
+from solver.physics.loads import Gravity
+from solver.physics.materials import NeoHookean
+from solver.physics.supports import Fixed
 
 
 def settled(scene, *, until=1.0, step=0.1, start=None, **options):

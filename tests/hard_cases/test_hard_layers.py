@@ -7,9 +7,9 @@ import pytest
 from hard_scenes import P, bilayer, envelope, fold_angle, section_curvature
 from reference_scenes import cylinder, inner_stretch, walked
 
-from solver.cases.folding_unit import build
-from solver.cases.unit_path import Ending, fold
-from solver.continuation import LoadSteps
+from solver.cases.unit.model import build
+from solver.cases.unit.path import Ending, fold
+from solver.paths.steppers import LoadSteps
 
 STEPS = LoadSteps(rtol=1e-8, step=0.25)
 

@@ -6,17 +6,20 @@ import skfem
 from hard_scenes import half_strip
 from reference_scenes import AXES, MidLine, held, modulus, near, strip
 
-from solver.body import Body
-from solver.continuation import ArcLength, LoadSteps, Outcome, load, trace
-from solver.descent import descend
-from solver.growth import General, Isotropic, Orthotropic
-from solver.materials import NeoHookean
-from solver.meshes import box
-from solver.newton import newton
-from solver.quality import quality
-from solver.scene import Fixed, Scene
-from solver.settle import Settle
-from solver.terms import Elastic, Traction
+from solver.equilibrium.descent import descend
+from solver.equilibrium.newton import Outcome, newton
+from solver.equilibrium.scene import Scene
+from solver.mesh.body import Body
+from solver.mesh.quality import quality
+from solver.mesh.structured import box
+from solver.paths.continuation import load, trace
+from solver.paths.stable import Settle
+from solver.paths.steppers import ArcLength, LoadSteps
+from solver.physics.elastic import Elastic
+from solver.physics.growth import General, Isotropic, Orthotropic
+from solver.physics.loads import Traction
+from solver.physics.materials import NeoHookean
+from solver.physics.supports import Fixed
 
 
 def symmetric_corner(body):

@@ -9,22 +9,18 @@ from path_toys import Bars, Nodes, Pull, column, function_scene, truss, truss_lo
 from reference_scenes import AXES, held, near
 from reference_structures import arch
 
-from solver.body import Body
-from solver.continuation import (
-    ArcLength,
-    LoadSteps,
-    Outcome,
-    StablePath,
-    load,
-    trace,
-)
-from solver.descent import descend
-from solver.materials import NeoHookean
-from solver.meshes import box
-from solver.newton import newton
-from solver.scene import Fixed, Scene
-from solver.settle import Settle
-from solver.terms import Elastic, Traction
+from solver.equilibrium.descent import descend
+from solver.equilibrium.newton import Outcome, newton
+from solver.equilibrium.scene import Scene
+from solver.mesh.body import Body
+from solver.mesh.structured import box
+from solver.paths.continuation import load, trace
+from solver.paths.stable import Settle, StablePath
+from solver.paths.steppers import ArcLength, LoadSteps
+from solver.physics.elastic import Elastic
+from solver.physics.loads import Traction
+from solver.physics.materials import NeoHookean
+from solver.physics.supports import Fixed
 
 LIMIT = 1.905435952e-4  # references.md §6: von Mises truss, P/2EA at H/a = 0.1
 

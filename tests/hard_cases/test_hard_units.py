@@ -7,19 +7,22 @@ import pytest
 from hard_scenes import COARSE, P, fold_angle, reached
 from threadpoolctl import threadpool_info, threadpool_limits
 
-from solver.body import Body
-from solver.cases import unit_path
-from solver.cases.folding_unit import build, images
-from solver.cases.unit_audit import audit
-from solver.cases.unit_path import Ending, fold
-from solver.continuation import LoadSteps, trace
-from solver.growth import General
-from solver.materials import NeoHookean
-from solver.meshes import box
-from solver.newton import Outcome
-from solver.scene import Scene, rotation_row, translation_row
-from solver.settle import Settle
-from solver.terms import Elastic, OutOfTime
+from solver.cases.unit import path as unit_path
+from solver.cases.unit.audit import audit
+from solver.cases.unit.model import build, images
+from solver.cases.unit.path import Ending, fold
+from solver.equilibrium.clock import OutOfTime
+from solver.equilibrium.newton import Outcome
+from solver.equilibrium.scene import Scene
+from solver.mesh.body import Body
+from solver.mesh.structured import box
+from solver.paths.continuation import trace
+from solver.paths.stable import Settle
+from solver.paths.steppers import LoadSteps
+from solver.physics.elastic import Elastic
+from solver.physics.growth import General
+from solver.physics.materials import NeoHookean
+from solver.physics.supports import rotation_row, translation_row
 
 # -- axes ----------------------------------------------------------------------------------------
 

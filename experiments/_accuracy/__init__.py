@@ -1,0 +1,1 @@
+"""Parts of `accuracy_vs_time`."""

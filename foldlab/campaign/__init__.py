@@ -1,0 +1,1 @@
+"""Campaigns: many labels from any executor into one store."""

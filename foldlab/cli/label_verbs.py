@@ -1,0 +1,108 @@
+"""The verbs of labelling: ``sample``, ``label``, ``export``."""
+
+from __future__ import annotations
+
+from contextlib import ExitStack
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from foldlab.campaign.cluster import IN_FLIGHT, dask_executor
+from foldlab.design import space_named, space_of
+from foldlab.errors import InputError
+from foldlab.settings import read_settings
+from foldlab.tables import read_table, write_table
+from foldlab.terminal import Config, Json, NotReached, Seed, Sets, Space, emit, err
+
+
+def sample(
+    n: Annotated[int, typer.Option("-n", help="Number of designs.")],
+    out: Annotated[Path, typer.Option("-o", "--out", help="Table to write (.parquet, .csv).")],
+    space: Space = "reduced",
+    seed: Seed = 0,
+    optimize: Annotated[
+        str | None, typer.Option(help="Spread the points: random-cd or lloyd (cost ~ n²).")
+    ] = None,
+    as_json: Json = False,
+) -> None:
+    """Draw designs by Latin hypercube, uniform on each group's own scale."""
+    if optimize not in (None, "random-cd", "lloyd"):
+        raise InputError(f"--optimize {optimize}; expected random-cd or lloyd")
+    designs = space_named(space).sample(n, seed=seed, optimization=optimize)
+    write_table(designs, out)
+    emit({"designs": len(designs), "space": space, "seed": seed, "file": out}, as_json)
+
+
+def label(
+    designs: Annotated[Path, typer.Argument(help="Table of designs.")],
+    out: Annotated[Path, typer.Option("-o", "--out", help="Label store (SQLite file).")],
+    source: Annotated[str, typer.Option("--source", help="Label source.")] = "timoshenko",
+    workers: Annotated[
+        int | None, typer.Option("--workers", min=1, help="Worker processes here (default 1).")
+    ] = None,
+    dask: Annotated[
+        str | None,
+        typer.Option("--dask", metavar="ADDRESS", help="Label on this Dask scheduler's workers."),
+    ] = None,
+    retry_unknown: Annotated[
+        bool, typer.Option("--retry-unknown", help="Compute labels again that ended unknown.")
+    ] = False,
+    settings: Sets = None,
+    config: Config = None,
+    as_json: Json = False,
+) -> None:
+    """Label designs into a store; what the store holds already is not computed again.
+
+    --set passes the source's own settings.
+    """
+    from foldlab.campaign.campaign import run_campaign
+    from foldlab.labels.solver import make_source
+    from foldlab.labels.store import LabelStore
+
+    if dask is not None and workers is not None:
+        raise InputError("--workers are processes here and --dask is a cluster; give one of them")
+    table = read_table(designs)
+    space = space_of(table)
+    maker = make_source(source, read_settings(settings or (), config), space=space)
+    table = space.validate(table)
+    if source == "solver":
+        thick = int((table["h_ratio"] * table["slenderness"] > table["hinge_length"]).sum())
+        if thick:
+            _say(
+                f"warning: {thick} of {len(table)} designs have an active layer thicker than their "
+                "hinge is long: no thin hinges, and the angle of their middle line says little"
+            )
+    with ExitStack() as stack:
+        store = stack.enter_context(LabelStore(out))
+        options = {"workers": workers or 1}
+        if dask is not None:
+            executor = stack.enter_context(dask_executor(dask, _say))
+            options = {"executor": executor, "in_flight": IN_FLIGHT}
+            if hasattr(maker, "label_many"):
+                _say(f"the source {source} is a formula: computed here, not on the cluster")
+        report = run_campaign(
+            table, maker, store, retry_unknown=retry_unknown, progress=not as_json, **options
+        )
+    reasons = [{"unknown because": why, "labels": n} for why, n in report.reasons.items()]
+    emit({**report.as_dict(), "store": out}, as_json, reasons)
+    if not report.complete:
+        raise NotReached(report.outcome)
+
+
+def _say(text: str) -> None:
+    err.print(text, markup=False, highlight=False)
+
+
+def export(
+    store: Annotated[Path, typer.Argument(help="Label store.")],
+    out: Annotated[Path, typer.Option("-o", "--out", help="Table to write (.parquet, .csv).")],
+    source: Annotated[str | None, typer.Option("--source", help="Only this source.")] = None,
+    as_json: Json = False,
+) -> None:
+    """Write the labels of a store to one flat table."""
+    from foldlab.labels.store import LabelStore
+
+    with LabelStore(store, mode="read") as labels:
+        count = labels.export(out, source=source)
+    emit({"labels": count, "file": out}, as_json)

@@ -1,0 +1,180 @@
+"""The verb ``simulate``: one design on the solver, its whole path in files and pictures.
+
+What it writes into a folder: ``result.json`` (the label, and m1 … m4 of every state),
+``curves.npz`` (the four curves of every state), ``series/unit.pvd`` (the whole unit, for ParaView),
+``shapes.png``, ``angle.png`` and, if asked for, ``fold.gif``.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import asdict
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import numpy as np
+import typer
+
+from foldlab.errors import InputError
+from foldlab.settings import numbers, read_settings
+from foldlab.terminal import Config, Json, NotReached, Sets, emit, err
+from foldlab.unit.record import (
+    WEIGHT,
+    _warn,
+    clear,
+    complete,
+    draw,
+    explain,
+    summary,
+    write_json,
+    write_path,
+)
+
+if TYPE_CHECKING:
+    pass
+
+
+def simulate(
+    settings: Sets = None,
+    config: Config = None,
+    effects: Annotated[
+        str,
+        typer.Option(
+            help="gravity,ground or none; with contact the panels stop at each other: "
+            "gravity,ground,contact or contact."
+        ),
+    ] = "gravity,ground",
+    growth: Annotated[str, typer.Option(help="Contraction: uniaxial or isotropic.")] = "uniaxial",
+    question: Annotated[
+        str,
+        typer.Option(help="from_flat, or exists: is there a folded stable state? (isotropic)"),
+    ] = "from_flat",
+    accuracy: Annotated[
+        float, typer.Option(help="Wanted relative error of the angle, such as 0.05, 0.02, 0.005.")
+    ] = 0.02,
+    why: Annotated[
+        bool, typer.Option("--why", help="What each effect contributed, and what to choose.")
+    ] = False,
+    ablation: Annotated[
+        bool, typer.Option("--ablate", help="With --why: solve again without each effect.")
+    ] = False,
+    timeout: Annotated[float, typer.Option(help="Seconds after which to give up.")] = 60.0,
+    free: Annotated[bool, typer.Option("--free", help="Let the unit topple.")] = False,
+    strips: Annotated[
+        int, typer.Option(min=0, help="Active strips side by side; 0: a solid layer.")
+    ] = 0,
+    barrier: Annotated[str, typer.Option(help="Ground: surface or exponential.")] = "surface",
+    out: Annotated[Path, typer.Option("-o", "--out", help="Folder for results.")] = (
+        Path("out/simulate")
+    ),
+    animate: Annotated[bool, typer.Option("--animate", help="Also draw fold.gif.")] = False,
+    no_pictures: Annotated[bool, typer.Option("--no-pictures", help="Numbers only.")] = False,
+    as_json: Json = False,
+) -> None:
+    """Fold one design on the solver: verdict, curves, a series for ParaView, pictures.
+
+    --set gives the groups (lengths over l_s): E_ratio, h_ratio, hinge_length, aspect, slenderness,
+    contraction; rho_ratio and hinge_width are 1 if not given; stiffness_to_weight is needed where
+    gravity acts.
+    """
+    from foldlab.labels.forecast import forecast
+    from foldlab.labels.solver import SolverSource
+
+    if ablation and not why:
+        raise InputError("--ablate belongs to --why; give both")
+    if animate and no_pictures:
+        raise InputError("--animate draws a picture and --no-pictures none; give one of them")
+    given = numbers(read_settings(settings or (), config))
+    source = SolverSource(
+        accuracy=accuracy, effects=effects, growth=growth, question=question, upright=not free,
+        timeout=timeout, barrier=barrier, strips=strips,
+    )  # fmt: skip
+    design = complete(given, heavy=source.heavy)
+    source.unit(design)
+    if design["h_ratio"] * design["slenderness"] > design["hinge_length"]:
+        _warn(
+            f"the active layer is {design['h_ratio'] * design['slenderness']:.3g} l_s thick and "
+            f"the hinge only {design['hinge_length']:.3g} l_s long: this is no thin hinge, and the "
+            "fold angle of its middle line says little"
+        )
+    if not source.heavy and "stiffness_to_weight" in given:
+        _warn("stiffness_to_weight acts on nothing without gravity among the effects")
+    try:
+        out.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise InputError(f"can't write into --out {out} ({error}); give another folder") from None
+    expected = forecast(design, source)
+    _note(expected.sentence(accuracy) if expected else "expected: nothing known of such labels")
+    clock = {} if why else None
+    run, label = source.follow(design, clock)
+    result = summary(label, run, source)
+    result["plan"] = asdict(source.plan)
+    result["expected"] = None if expected is None else asdict(expected)
+    if why:
+        result["why"] = explain(label, run, source, clock, ablation)
+    for name in () if source.heavy else WEIGHT:
+        result["design"][name] = None
+    clear(out)
+    write_json(out / "result.json", {**result, "label": asdict(label), "path": run.history})
+    files = ["result.json"]
+    if run.shapes:
+        files += write_path(out, run)
+        if not no_pictures:
+            files += draw(out, label, run, source, animate=animate)
+    result["files"] = [str(out / name) for name in files]
+    if as_json:
+        emit(result, True)
+    else:
+        emit(readable(result), False, rows(result))
+        if why:
+            _say_why(result["why"])
+    if label.foldable is None:
+        raise NotReached(f"{label.reason}; what there is is in {out}")
+
+
+def _say_why(why: Mapping[str, Any]) -> None:
+    """The same for the eye."""
+    percent = lambda x: "–" if x is None else f"{100 * x:.3g} %"  # noqa: E731
+    print("\nwhat each effect contributed at the last state, and of the time")
+    for row in why["effects"]:
+        print(
+            f"  {row['effect']:<8} energy {percent(row['energy']):>8}   forces "
+            f"{percent(row['force']):>8}   time {percent(row['time']):>8}"
+        )
+    for row in why["without"]:
+        change = "no angle" if row["change"] is None else f"{row['change']:+.3g} rad"
+        print(f"  without {row['without']}: {change}, {row['outcome']}, {row['seconds']:.2g} s")
+    for sentence in why["advice"]:
+        print(f"- {sentence}")
+
+
+def rows(result: Mapping[str, Any]) -> list[dict]:
+    """The measures against what counts as folded, for the eye."""
+    if result["measures"] is None:
+        return []
+    need = np.pi * result["design"]["contraction"]
+    limits = [f"> {need:.3g} rad", f"< {need / 2:.3g} rad", "1 ± 0.1", "1 ± 0.1"]
+    says = (
+        "turning along the sheet", "turning across the hinge", "edge along the middle",
+        "other edge along the middle",
+    )  # fmt: skip
+    return [
+        {
+            "measure": f"m{k} {what}",
+            "value": result["measures"][f"m{k}"],
+            "folded": limit,
+            "tag": f"F{k} {'yes' if result['tags'][f'F{k}'] else 'no'}",
+        }
+        for k, (what, limit) in enumerate(zip(says, limits, strict=True), start=1)
+    ]
+
+
+def readable(result: Mapping[str, Any]) -> dict[str, Any]:
+    """The summary with lists as text, and without what the table of measures shows."""
+    events = [f"{e['kind']} at {100 * e['contraction']:.3g} %" for e in result["events"]]
+    lists = {"events": events, "effects": result["effects"], "files": result["files"]}
+    return {**result, **{name: ", ".join(items) or "none" for name, items in lists.items()}}
+
+
+def _note(text: str) -> None:
+    err.print(text, markup=False, highlight=False)

@@ -1,0 +1,1 @@
+"""Inverse design: from a wish to confirmed proposals."""

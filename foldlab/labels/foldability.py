@@ -1,0 +1,100 @@
+"""Foldability (§4.5): four curves on the passive layer's mid-plane → measures → tags → a reason.
+
+The curves are C1 (x = 0, along the sheet), C2 (y = 0, across the hinge), C3 and C4 (x = ±b_i/2,
+along the sheet), in the deformed state. Everything here is unchanged by rigid motion. Angles in
+rad.
+
+    m1  net turning of C1's tangent in its mean bending plane (∫κ ds of Eq. 4.18, unwrapped), with
+        its sign: positive where the panels rise. A sheet that only sags turns the other way, and
+        taking |m1| would call that folded.
+    m2  |net turning| of C2's tangent
+    m3, m4  means of t₁·t₃ and t₁·t₄ over the length (4.20), t the unit tangents
+    F1  m1 > α₁, α₁ = |g| π (4.21)      F2  m2 < α₁/2 (4.22)
+    F3, F4  |m3 − 1|, |m4 − 1| < 0.1 (4.23, 4.24)       folded: all four
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from foldlab.errors import InputError
+
+TAGS = ("F1", "F2", "F3", "F4")
+
+# Distance of a panel from the plane where panels meet, over h_s, at which they touch: the barrier's
+# reach (solver.physics.ground.Ground).
+TOUCHING = 0.1
+
+
+@dataclass(frozen=True)
+class Measures:
+    """m1 … m4 of one state, and the part of m1 that turns within the hinge."""
+
+    m1: float
+    m2: float
+    m3: float
+    m4: float
+    hinge: float
+
+
+@dataclass(frozen=True)
+class Thresholds:
+    """``turning``: α₁ over |g|; ``across``: α₂ over α₁; ``parallel``: of |m3 − 1| and |m4 − 1|."""
+
+    turning: float = np.pi
+    across: float = 0.5
+    parallel: float = 0.1
+
+    def tags(self, measures: Measures | Mapping[str, float], contraction: float) -> dict[str, bool]:
+        """F1 … F4 at a contraction |g|."""
+        m = measures if isinstance(measures, Mapping) else vars(measures)
+        angle = contraction * self.turning
+        return {
+            "F1": bool(m["m1"] > angle),
+            "F2": bool(m["m2"] < self.across * angle),
+            "F3": bool(abs(m["m3"] - 1) < self.parallel),
+            "F4": bool(abs(m["m4"] - 1) < self.parallel),
+        }
+
+
+def measure(curves: np.ndarray, hinge_length: float) -> Measures:
+    """Measures of curves (4, n, 3) with points evenly spaced in the reference state.
+
+    ``hinge_length`` l_i/l_s tells the hinge from the panels along C1. Raises :class:`InputError`
+    for another shape or values that are not finite.
+    """
+    curves = np.asarray(curves, dtype=float)
+    if curves.ndim != 3 or curves.shape[0] != 4 or curves.shape[2] != 3 or curves.shape[1] < 3:
+        raise InputError(f"curves of shape {curves.shape}; expected (4, points, 3)")
+    if not np.isfinite(curves).all():
+        raise InputError("the curves are not finite; the state that they come from is no state")
+    t = np.diff(curves, axis=1)
+    t /= np.linalg.norm(t, axis=2, keepdims=True)
+    middle = t.shape[1] // 2
+    along, across = t[0, middle], t[1, middle]
+    angles = _angles(t[0], across)
+    s = (np.arange(len(angles)) + 0.5) / len(angles) - 0.5
+    ends = np.interp([-hinge_length / 2, hinge_length / 2], s, angles)
+    turned = _angles(t[1], along)
+    return Measures(
+        float(angles[-1] - angles[0]),
+        float(abs(turned[-1] - turned[0])),
+        float((t[0] * t[2]).sum(axis=1).mean()),
+        float((t[0] * t[3]).sum(axis=1).mean()),
+        float(ends[1] - ends[0]),
+    )
+
+
+def _angles(t: np.ndarray, near: np.ndarray) -> np.ndarray:
+    """Unwrapped angles of unit tangents (n, 3) in their mean plane, whose normal is about ``near``.
+
+    A straight curve has no plane of its own; the small bias towards ``near`` gives it one.
+    """
+    _, axes = np.linalg.eigh(t.T @ t / len(t) - 1e-6 * np.outer(near, near))
+    normal = axes[:, 0] * (1.0 if axes[:, 0] @ near >= 0 else -1.0)
+    a = t[len(t) // 2] - (t[len(t) // 2] @ normal) * normal
+    a /= np.linalg.norm(a)
+    return np.unwrap(np.arctan2(t @ np.cross(normal, a), t @ a))

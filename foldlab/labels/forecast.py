@@ -1,0 +1,123 @@
+"""What a solver label will cost, from the labels of like designs in the shipped dataset.
+
+Alike are designs whose hinge would turn as far, curl as far and lift as much weight: these decide
+how many steps a path takes and whether it needs the whole unit. The median of sixteen neighbours is
+the forecast. Seconds are those of this machine: a short piece of linear algebra is timed against
+what it took where the dataset was made.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+import pandas as pd
+from scipy.spatial import cKDTree
+
+from foldlab.datasets import load_dataset
+from foldlab.design import FULL
+from foldlab.labels.timoshenko import lift_off_stiffness
+
+NEIGHBOURS = 16
+# Weight of each feature, over its standard deviation: what decides the path, then all groups.
+WEIGHTS = np.r_[2.0 * np.ones(4), 0.7 * np.ones(len(FULL.names))]
+# Of finer meshes: unknowns over those of the second mesh, and core-seconds per 1000 unknowns to
+# find the last state there.
+FINER = {2: 2.2, 3: 5.8}
+SECONDS_PER_1000 = 0.22
+# MiB of a worker before its first label, and per 1000 unknowns.
+MEMORY = (385.0, 33.0)
+# Seconds of :func:`pace`'s piece of work where the dataset was made.
+PACE = 1.78e-3
+
+
+@dataclass(frozen=True)
+class Forecast:
+    """Core-seconds and MiB a label is expected to cost; ``low`` and ``high``: of like designs, one
+    in ten took less, one in ten more."""
+
+    seconds: float
+    low: float
+    high: float
+    memory_mb: float
+
+    def sentence(self, accuracy: float) -> str:
+        """For the eye."""
+        return (
+            f"expected: {self.seconds:.2g} s ({self.low:.2g} to {self.high:.2g}) and "
+            f"{self.memory_mb:.0f} MB for an error of the angle below {100 * accuracy:g} %"
+        )
+
+
+def forecast(design: Mapping[str, float], source) -> Forecast | None:
+    """For a design and a :class:`foldlab.labels.solver.SolverSource`.
+
+    None where no like labels are at hand: other questions than "from_flat", strips, noise.
+    """
+    if source.question != "from_flat" or source.strips or source.seed is not None:
+        return None
+    table, tree, scale = _labels(source.growth)
+    if not source.heavy:
+        # Weightless designs are most like those of the stiffest sheets.
+        design = {**design, "stiffness_to_weight": float(FULL["stiffness_to_weight"].high)}
+    at = _features(pd.DataFrame([dict(design)])[FULL.names].astype(float)) / scale * WEIGHTS
+    near = table.iloc[tree.query(at[0], min(NEIGHBOURS, len(table)))[1]]
+    seconds = near["core_seconds"].to_numpy(float)
+    unknowns = near["unknowns"].to_numpy(float)
+    levels = near["levels"].to_numpy(int)
+    second = unknowns / np.where(levels > 2, FINER[2], 1.0)
+    error = near["error_estimate"].to_numpy(float)
+    # A finer mesh has about a quarter of the error.
+    third = np.where(levels > 2, error * 4, error) > source.accuracy
+    if source.plan.finest > 2:
+        fourth, third = np.where(levels > 2, error, error / 4) > source.accuracy, error >= 0
+        seconds = seconds + np.where(fourth, FINER[3] * second, 0.0) * SECONDS_PER_1000 / 1000
+    more = np.where(third & (levels == 2), FINER[2] * second, 0.0)
+    seconds = seconds + more * SECONDS_PER_1000 / 1000
+    sizes = second * np.where(third, FINER[2], 1.0)
+    if source.plan.finest > 2:
+        sizes = np.where(fourth, FINER[3] * second, sizes)
+    low, middle, high = np.quantile(seconds, [0.1, 0.5, 0.9]) * pace()
+    memory = MEMORY[0] + MEMORY[1] * float(np.median(sizes)) / 1000
+    return Forecast(float(middle), float(low), float(high), memory)
+
+
+@lru_cache(maxsize=2)
+def _labels(growth: str):
+    table = load_dataset("gravity-5k")
+    kept = (table["growth"] == growth) & table["core_seconds"].notna()
+    table = table[kept & (table["outcome"] != "timeout")]
+    features = _features(table[FULL.names].astype(float))
+    scale = features.std(axis=0)
+    return table, cKDTree(features / scale * WEIGHTS), scale
+
+
+def _features(groups: pd.DataFrame) -> np.ndarray:
+    """(designs, 4 + groups): logs of Timoshenko's turning along and across the hinge, of the weight
+    over what lifts, of Γ; and of all groups."""
+    m, n, h = groups["h_ratio"], groups["E_ratio"], groups["slenderness"]
+    share = 6 * (1 + m) / (3 * (1 + m) ** 2 + (1 + m * n) * (m**2 + 1 / (m * n)))
+    curvature = share * groups["contraction"] / h
+    least = np.array([lift_off_stiffness(row) for row in groups.to_dict("records")])
+    gamma = groups["stiffness_to_weight"]
+    first = [
+        curvature * groups["hinge_length"], curvature * groups["hinge_width"] * groups["aspect"],
+        least / gamma, gamma,
+    ]  # fmt: skip
+    return np.log(np.column_stack([*first, groups[FULL.names]]))
+
+
+@lru_cache(maxsize=1)
+def pace() -> float:
+    """How long this machine takes over the one that made the dataset."""
+    a = np.random.default_rng(0).standard_normal((160, 160))
+    a = a + a.T
+    spent = []
+    for _ in range(5):
+        start = time.process_time()
+        np.linalg.eigh(a)
+        spent.append(time.process_time() - start)
+    return min(spent) / PACE

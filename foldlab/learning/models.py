@@ -1,0 +1,187 @@
+"""Classifiers of foldability as scikit-learn estimators, and how they are scored.
+
+A design goes in as named groups; the logs of log-scaled groups are taken inside, so that every
+model sees the coordinates in which the designs were sampled. The positive class is "folds"
+(True). A false positive promises a fold that does not happen (§4.7.4); its weight in training is
+``false_positive_weight`` everywhere.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+from sklearn.base import BaseEstimator, ClassifierMixin
+from sklearn.ensemble import HistGradientBoostingClassifier, RandomForestClassifier
+from sklearn.pipeline import Pipeline
+from sklearn.tree import DecisionTreeClassifier
+from sklearn.utils.validation import check_is_fitted
+
+from foldlab.design import DesignSpace
+from foldlab.errors import InputError
+from foldlab.learning.features import GroupFeatures, as_labels, groups_array
+
+
+def _class_weight(false_positive_weight: float) -> dict[bool, float] | None:
+    if not (np.isfinite(false_positive_weight) and false_positive_weight > 0):
+        raise InputError(
+            f"false_positive_weight = {false_positive_weight}; give a finite number above 0 "
+            "(1 = unbiased, above 1 = fewer false positives)"
+        )
+    weighted = false_positive_weight != 1
+    return {False: float(false_positive_weight), True: 1.0} if weighted else None
+
+
+def _pipeline(space, classifier) -> Pipeline:
+    return Pipeline(
+        [("groups", GroupFeatures(space, pairs=space is not None)), ("classifier", classifier)]
+    )
+
+
+def _tree(space, seed, false_positive_weight=1.0, **options):
+    weight = _class_weight(false_positive_weight)
+    # In a pure leaf there is nothing to weigh: a biased tree needs leaves that can be mixed.
+    leaf = 1 if weight is None else 10
+    defaults = {
+        "criterion": "entropy",
+        "ccp_alpha": 4e-4,
+        "min_samples_leaf": leaf,
+        "random_state": seed,
+    }
+    return _pipeline(space, DecisionTreeClassifier(class_weight=weight, **(defaults | options)))
+
+
+def _forest(space, seed, false_positive_weight=1.0, **options):
+    defaults = {"n_estimators": 200, "random_state": seed}
+    weight = _class_weight(false_positive_weight)
+    return _pipeline(space, RandomForestClassifier(class_weight=weight, **(defaults | options)))
+
+
+def _boosted(space, seed, false_positive_weight=1.0, **options):
+    # Without early stopping: it would hold back a tenth of the labels.
+    defaults = {
+        "max_iter": 300,
+        "max_leaf_nodes": 8,
+        "early_stopping": False,
+        "random_state": seed,
+    }
+    weight = _class_weight(false_positive_weight)
+    return _pipeline(
+        space, HistGradientBoostingClassifier(class_weight=weight, **(defaults | options))
+    )
+
+
+def _distilled(space, seed, false_positive_weight=1.0, **options):
+    return DistilledTree(
+        space, random_state=seed, false_positive_weight=false_positive_weight, **options
+    )
+
+
+def _network(space, seed, **options):
+    from foldlab.learning.network import SmoothNetwork  # torch takes seconds to import
+
+    return SmoothNetwork(space, random_state=seed, **options)
+
+
+def _dissertation(space, seed, **options):
+    from foldlab.learning.network import DissertationNetwork
+
+    return DissertationNetwork(space, random_state=seed, **options)
+
+
+def _symbolic(space, seed, constraints=None, **options):
+    from foldlab.learning.symbolic.engines import Constraints
+    from foldlab.learning.symbolic.estimators import (
+        SymbolicClassifier,  # sympy and Operon are slow too
+    )
+
+    limits = Constraints(seed=seed) if constraints is None else constraints
+    fields = {k: options.pop(k) for k in list(options) if hasattr(limits, k)}
+    return SymbolicClassifier(space, constraints=replace(limits, **fields), **options)
+
+
+MODELS: dict[str, Callable] = {
+    "tree": _tree,
+    "distilled": _distilled,
+    "forest": _forest,
+    "boosted": _boosted,
+    "network": _network,
+    "dissertation": _dissertation,
+    "symbolic": _symbolic,
+}
+
+
+def make_classifier(name: str, space: DesignSpace | None, *, seed: int = 0, **options):
+    """An unfitted classifier by name (:data:`MODELS`), seeded.
+
+    ``options`` go to the model; every model takes ``false_positive_weight`` (1 = unbiased) but
+    ``symbolic``, whose ``fit`` takes the scalar target.
+    Raises :class:`InputError` for an unknown name or option.
+    """
+    if name not in MODELS:
+        raise InputError(f"no model {name!r}; there are: {', '.join(MODELS)}")
+    try:
+        model = MODELS[name](space, seed, **options)
+    except TypeError as error:
+        raise InputError(
+            f"model {name!r} does not take these options ({', '.join(options)}): {error}"
+        ) from None
+    if isinstance(model, Pipeline):
+        try:
+            model[-1]._validate_params()  # else a bad value would come to light in fit only
+        except ValueError as error:
+            raise InputError(f"model {name!r}: {error}") from None
+    return model
+
+
+class DistilledTree(ClassifierMixin, BaseEstimator):
+    """One decision tree that imitates a better classifier on designs without labels.
+
+    A ``teacher`` (a name in :data:`MODELS`) learns the labels; the tree then learns the labels and
+    the teacher's answers on ``n_designs`` further designs of the space. No further label is used,
+    and the teacher is not kept. The bias against false positives acts in both.
+    """
+
+    def __init__(
+        self,
+        space: DesignSpace | None = None,
+        *,
+        teacher: str = "network",
+        n_designs: int = 60_000,
+        ccp_alpha: float = 5e-5,
+        false_positive_weight: float = 1.0,
+        random_state: int | None = 0,
+    ):
+        self.space = space
+        self.teacher = teacher
+        self.n_designs = n_designs
+        self.ccp_alpha = ccp_alpha
+        self.false_positive_weight = false_positive_weight
+        self.random_state = random_state
+
+    def fit(self, X, y):
+        if self.space is None:
+            raise InputError("the distilled tree needs a space, to draw designs from it")
+        X, y = groups_array(X, self.space), as_labels(y)
+        seed = 0 if self.random_state is None else self.random_state
+        bias = {"seed": seed, "false_positive_weight": self.false_positive_weight}
+        teacher = make_classifier(self.teacher, self.space, **bias).fit(X, y)
+        more = self.space.sample(self.n_designs, seed=seed).to_numpy()
+        answers = as_labels(teacher.predict(more))
+        self.tree_ = make_classifier("tree", self.space, ccp_alpha=self.ccp_alpha, **bias)
+        self.tree_.fit(np.vstack([X, more]), np.concatenate([y, answers]))
+        self.classes_ = self.tree_.classes_
+        self.n_features_in_ = len(self.space)
+        self.feature_names_in_ = np.array(self.space.names, dtype=object)
+        self.agreement_ = float(np.mean(self.tree_.predict(more) == answers))
+        return self
+
+    def predict_proba(self, X) -> np.ndarray:
+        """Share of each class in the leaf, shape (n, 2)."""
+        check_is_fitted(self, "tree_")
+        return self.tree_.predict_proba(groups_array(X, self.space))
+
+    def predict(self, X) -> np.ndarray:
+        """Class of each design, shape (n,)."""
+        return self.classes_[np.argmax(self.predict_proba(X), axis=1)]

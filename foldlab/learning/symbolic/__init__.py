@@ -1,0 +1,1 @@
+"""Symbolic regression: engines, formulas, estimators."""

@@ -1,0 +1,367 @@
+"""Symbolic regression: formulas for a scalar target, and a classifier by threshold.
+
+The target is a positive scalar such as κ l_s / g (Eq. 4.25), which spans decades. With
+``log_target`` a formula A is judged by
+
+    error = rms of log(A(x) / y),
+
+a relative error, so that designs near the threshold 2π (Eq. 4.26) weigh as much as the largest
+angles. A itself stays in plain units. With ``reciprocal`` the engine searches for 1/y (a sum of few
+simple terms for a bimetal); the formulas returned are for y all the same, and the constraints hold
+for them.
+
+What an engine returns is simplified, its constants are refitted in double precision, and only then
+checked against every constraint. :mod:`foldlab.learning.symbolic.formula` says how nodes and levels
+are counted, :mod:`foldlab.learning.symbolic.engines` what can be constrained.
+"""
+
+from __future__ import annotations
+
+import keyword
+import math
+import time
+from itertools import product
+
+import numpy as np
+import pandas as pd
+from scipy.optimize import least_squares
+from scipy.special import expit
+from scipy.stats import qmc
+from sklearn.base import BaseEstimator, ClassifierMixin, RegressorMixin
+from sklearn.utils.validation import check_is_fitted, validate_data
+
+from foldlab.design import DesignSpace
+from foldlab.errors import InputError
+from foldlab.labels.timoshenko import FULL_TURN
+from foldlab.learning.symbolic import formula as fm
+from foldlab.learning.symbolic.engines import ENGINES, Constraints
+from foldlab.learning.symbolic.formula import Formula, Tree
+
+__all__ = ["Constraints", "SymbolicClassifier", "SymbolicRegressor"]
+
+_SEARCH_SHARE = 0.85  # of the seconds; the rest is for refitting constants
+_GUARDS = 2048  # points of the box at which a formula must be defined
+_CORNERS = 10  # dimensions up to which every corner of the box is one of the guards
+_WORST_LOG = 20.0
+_REFIT_STEPS = 12  # Levenberg–Marquardt; the engine has tuned the constants before
+
+
+class SymbolicRegressor(RegressorMixin, BaseEstimator):
+    """Closed-form regression by genetic programming, with the whole front kept.
+
+    Parameters
+    ----------
+    space
+        Names the inputs: designs are frames with its groups as columns (other columns ignored).
+        A formula is then defined in the whole space, and not only where the training rows are.
+        Without it, the columns of X (an array's are ``x0``, ``x1``, …).
+    engine
+        ``'operon'`` or ``'pysr'`` (needs Julia).
+    constraints
+        :class:`Constraints`; None is the default set.
+    log_target
+        Minimise relative errors, log(A/y); y must be positive. Otherwise plain squares.
+    reciprocal
+        Let the engine search for 1/y; needs ``/`` among the operators and y without zeros.
+
+    Attributes
+    ----------
+    front_
+        Frame, one row per formula for y that no other beats in both size and error: ``size``
+        (nodes), ``depth`` (levels), ``error`` (rms on the training rows, of log(A/y) or of A − y),
+        ``formula`` (:class:`foldlab.learning.symbolic.formula.Formula`).
+    formula_
+        The smallest one whose error is within 1 % of the least.
+    seconds_
+        Time of the fit.
+    """
+
+    def __init__(
+        self,
+        space: DesignSpace | None = None,
+        engine: str = "operon",
+        constraints: Constraints | None = None,
+        log_target: bool = True,
+        reciprocal: bool = True,
+    ):
+        self.space = space
+        self.engine = engine
+        self.constraints = constraints
+        self.log_target = log_target
+        self.reciprocal = reciprocal
+
+    def fit(self, X, y) -> SymbolicRegressor:
+        """Search. X: (n, inputs) designs, raw values; y: (n,) scalar target, in its own units.
+
+        Raises :class:`InputError` for an unknown engine, bad constraints or targets, and where no
+        finite formula within the constraints was found.
+        """
+        start = time.monotonic()
+        limits = Constraints() if self.constraints is None else self.constraints
+        if not isinstance(limits, Constraints):
+            raise InputError(f"constraints is a {type(limits).__name__}; give a Constraints object")
+        if self.engine not in ENGINES:
+            raise InputError(f"no engine {self.engine!r}; there are: {', '.join(ENGINES)}")
+        X, y = validate_data(self, self._columns(X), y, dtype=np.float64, y_numeric=True)
+        y = y.astype(float)
+        self.inputs_ = self._names()
+        if self.log_target and (y <= 0).any():
+            raise InputError(
+                f"the target is {y[y <= 0][0]:g} in row {int(np.argmax(y <= 0))}; log_target needs "
+                "values above 0: change the target, or set log_target=False"
+            )
+        if self.reciprocal and ((y == 0).any() or "/" not in limits.operators):
+            raise InputError(
+                "reciprocal=True needs a target without zeros and '/' among the operators; "
+                "set reciprocal=False"
+            )
+        end = start + limits.seconds
+        wanted = 1 / y if self.reciprocal else y
+        candidates = ENGINES[self.engine](
+            X, wanted, self.inputs_, limits, self.log_target, start + _SEARCH_SHARE * limits.seconds
+        )
+        guards = _guard_points(*self._box(X), limits.seed)
+        rows = []
+        for tree in candidates:
+            if rows and time.monotonic() > end:
+                break
+            rows += self._finished(tree, X, y, guards, limits)
+        if not rows:
+            raise InputError(
+                f"no finite formula within the constraints after {limits.seconds:g} s and "
+                f"{len(candidates)} candidates: allow more seconds, size or depth"
+            )
+        self.front_ = _front(rows)
+        near = self.front_["error"] <= 1.01 * self.front_["error"].min() + 1e-12
+        self.formula_ = self.front_["formula"][near.idxmax()]
+        self.seconds_ = time.monotonic() - start
+        return self
+
+    def predict(self, X) -> np.ndarray:
+        """Target values, shape (n,), by the selected formula in double precision.
+
+        Raises :class:`InputError` at a design where the formula is not defined.
+        """
+        check_is_fitted(self, "formula_")
+        X = validate_data(self, self._columns(X), dtype=np.float64, reset=False)
+        values = self.formula_(X)
+        if not np.isfinite(values).all():
+            row = int(np.argmin(np.isfinite(values)))
+            raise InputError(
+                f"the formula {self.formula_} is not defined in row {row}; "
+                "stay inside the space and the box of the training designs, or train on more of it"
+            )
+        return values
+
+    def _columns(self, X):
+        if self.space is None:
+            return X
+        if isinstance(X, pd.DataFrame):
+            return self.space.validate(X, bounds=False)
+        array = np.asarray(X)
+        if array.ndim != 2 or array.shape[1] != len(self.space):
+            raise InputError(
+                f"designs of shape {array.shape}; expected {len(self.space)} columns in the order "
+                f"{', '.join(self.space.names)}"
+            )
+        return self.space.validate(pd.DataFrame(array, columns=self.space.names), bounds=False)
+
+    def _box(self, X) -> tuple[np.ndarray, np.ndarray]:
+        low, high = X.min(axis=0), X.max(axis=0)
+        if self.space is None:
+            return low, high
+        return (
+            np.minimum(low, [p.low for p in self.space]),
+            np.maximum(high, [p.high for p in self.space]),
+        )
+
+    def _names(self) -> tuple[str, ...]:
+        names = [str(n) for n in getattr(self, "feature_names_in_", [])]
+        usable = [n.isidentifier() and not keyword.iskeyword(n) for n in names]
+        if names and all(usable) and not set(names) & set(fm.UNARY):
+            return tuple(names)
+        return tuple(f"x{k}" for k in range(self.n_features_in_))
+
+    def _finished(self, tree: Tree, X, y, guards, limits: Constraints) -> list[tuple]:
+        """Rows of the front from one candidate: for y, simplified, refitted, checked."""
+        if not np.isfinite(fm.constants(tree)).all():
+            return []
+        if self.reciprocal:
+            tree = ("/", 1.0, tree)
+        # An engine that fits log|A| leaves the sign open.
+        values = Formula(tree, self.inputs_)(X)
+        if self.log_target and (values < 0).sum() > (values > 0).sum():
+            tree = ("*", -1.0, tree)
+        # Simplification can introduce an operator that is not allowed (a minus for a negative
+        # weight); the unsimplified tree is the second choice.
+        for form in (fm.simplified(tree), tree):
+            if not limits.allow(form):
+                continue
+            fitted, error = refit(form, X, y, self.inputs_, self.log_target)
+            shorter = fm.simplified(fitted)  # a weight may have become 0 or 1
+            best = shorter if limits.allow(shorter) else fitted
+            f = Formula(best, self.inputs_)
+            values = np.concatenate([f(X), f(guards)])
+            fine = np.isfinite(values).all() and (not self.log_target or (values > 0).all())
+            if fine and np.isfinite(error):
+                return [(f.size, f.depth, error, f)]
+        return []
+
+
+class SymbolicClassifier(ClassifierMixin, BaseEstimator):
+    """Label ``y ≥ threshold`` by a formula for y.
+
+    ``fit`` takes the scalar target, not the label: a formula learns nothing about the distance to
+    the threshold from booleans. (That is why scikit-learn's generic checks, which fit on class
+    names, do not apply.) The default threshold is 2π for κ l_s / g (Eq. 4.26). ``predict`` gives
+    booleans, ``score`` compares with booleans.
+
+    ``predict_proba``, columns in the order of ``classes_`` = [False, True], is logistic in the log
+    margin: P(True) = expit(log(A/threshold)/s). s is the scale of a logistic distribution with the
+    standard deviation of log(A/y) on the training rows, s = √3 σ/π, so the probability says how
+    sure the formula may be given its own residuals; it assumes that these are alike everywhere.
+    """
+
+    def __init__(
+        self,
+        space: DesignSpace | None = None,
+        engine: str = "operon",
+        constraints: Constraints | None = None,
+        reciprocal: bool = True,
+        threshold: float = FULL_TURN,
+    ):
+        self.space = space
+        self.engine = engine
+        self.constraints = constraints
+        self.reciprocal = reciprocal
+        self.threshold = threshold
+
+    def fit(self, X, y) -> SymbolicClassifier:
+        """X: (n, inputs) designs; y: (n,) positive scalar target, in the threshold's units."""
+        if not (np.isfinite(self.threshold) and self.threshold > 0):
+            raise InputError(f"threshold = {self.threshold!r}; expected a finite number above 0")
+        if np.asarray(y).dtype == bool or pd.api.types.is_bool_dtype(y):
+            raise InputError(
+                "y holds booleans; give the scalar target (such as κ l_s/g), which is compared "
+                "with the threshold"
+            )
+        self.regressor_ = SymbolicRegressor(
+            self.space, self.engine, self.constraints, True, self.reciprocal
+        ).fit(X, y)
+        self.classes_ = np.array([False, True])
+        self.n_features_in_ = self.regressor_.n_features_in_
+        sigma = float(np.std(np.log(self.regressor_.predict(X) / np.asarray(y, dtype=float))))
+        self.scale_ = max(math.sqrt(3) / math.pi * sigma, 1e-12)
+        return self
+
+    def restore(self, front, chosen: int, scale: float) -> SymbolicClassifier:
+        """Fill an unfitted classifier with formulas that were fitted before (a saved model).
+
+        ``front``: rows (error, :class:`Formula`), ``chosen``: which of them answers, ``scale``: of
+        the probabilities.
+        """
+        rows = [(f.size, f.depth, error, f) for error, f in front]
+        regressor = SymbolicRegressor(
+            self.space, self.engine, self.constraints, True, self.reciprocal
+        )
+        regressor.front_ = pd.DataFrame(rows, columns=["size", "depth", "error", "formula"])
+        regressor.formula_ = front[chosen][1]
+        regressor.inputs_ = regressor.formula_.inputs
+        regressor.n_features_in_ = len(regressor.inputs_)
+        regressor.feature_names_in_ = np.array(regressor.inputs_, dtype=object)
+        self.regressor_, self.scale_ = regressor, scale
+        self.classes_ = np.array([False, True])
+        self.n_features_in_ = regressor.n_features_in_
+        return self
+
+    @property
+    def size_(self) -> tuple[int, str]:
+        """Size of the selected formula and its unit."""
+        return self.formula_.size, "nodes"
+
+    @property
+    def front_(self) -> pd.DataFrame:
+        """The regressor's front."""
+        return self.regressor_.front_
+
+    @property
+    def formula_(self) -> Formula:
+        """The selected formula for the scalar target."""
+        return self.regressor_.formula_
+
+    def decision_function(self, X) -> np.ndarray:
+        """Log margin log(A/threshold), shape (n,); −inf where the formula is not positive."""
+        check_is_fitted(self, "regressor_")
+        values = self.regressor_.predict(X)
+        with np.errstate(divide="ignore"):
+            return np.log(np.maximum(values, 0.0) / self.threshold)
+
+    def predict(self, X) -> np.ndarray:
+        """Booleans, shape (n,)."""
+        return self.decision_function(X) >= 0
+
+    def predict_proba(self, X) -> np.ndarray:
+        """Shape (n, 2), columns in the order of ``classes_``; see the class for what it means."""
+        yes = expit(self.decision_function(X) / self.scale_)
+        return np.column_stack([1 - yes, yes])
+
+
+def refit(tree: Tree, X, y, inputs, log_target: bool) -> tuple[Tree, float]:
+    """Least-squares constants in double precision: (tree, rms error); error as in ``front_``.
+
+    X: (n, len(inputs)), y: (n,). An undefined or negative value counts as a relative error e^20.
+    """
+    start = np.array(fm.constants(tree))
+    names = [f"c{k}_" for k in range(len(start))]
+    model = Formula(fm.with_names(tree, names), (*inputs, *names)).function
+    columns = tuple(X.T)
+
+    def residual(c):
+        with np.errstate(all="ignore"):
+            values = np.broadcast_to(model(*columns, *c), y.shape)
+            r = np.log(values / y) if log_target else values - y
+        if log_target:
+            return np.where(np.isfinite(r), np.clip(r, -_WORST_LOG, _WORST_LOG), _WORST_LOG)
+        return r
+
+    found = start
+    if len(start) and np.isfinite(residual(start)).all():
+        try:
+            solution = least_squares(
+                residual,
+                start,
+                method="lm" if len(y) >= len(start) else "trf",
+                x_scale=np.maximum(np.abs(start), 1e-6),
+                max_nfev=_REFIT_STEPS * (len(start) + 1),
+            )
+            found = solution.x
+        except ValueError:  # a trial step left the domain of a plain-squares model
+            found = start
+    error = float(np.sqrt(np.mean(residual(found) ** 2)))
+    return fm.with_constants(tree, found), error
+
+
+def _guard_points(low, high, seed: int) -> np.ndarray:
+    """Points of a box and its corners; inside, log-uniform where all values are positive."""
+    unit = qmc.LatinHypercube(d=len(low), rng=seed).random(_GUARDS)
+    columns = []
+    for k, u in enumerate(unit.T):
+        if low[k] > 0:
+            columns.append(np.exp(np.log(low[k]) + u * np.log(high[k] / low[k])))
+        else:
+            columns.append(low[k] + u * (high[k] - low[k]))
+    if len(low) <= _CORNERS:
+        upper = np.array(list(product((False, True), repeat=len(low))))
+    else:
+        upper = unit > 0.5
+    return np.vstack([np.column_stack(columns), np.where(upper, high, low)])
+
+
+def _front(rows: list[tuple]) -> pd.DataFrame:
+    """The rows that no other beats in both size and error, by size."""
+    front = []
+    for row in sorted(rows, key=lambda r: (r[0], r[2], r[1])):
+        # More nodes for rounding are no gain.
+        if not front or row[2] < (1 - 1e-6) * front[-1][2]:
+            front.append(row)
+    return pd.DataFrame(front, columns=["size", "depth", "error", "formula"])

@@ -1,0 +1,146 @@
+"""From a table of labels to a fitted, scored model with its operating point."""
+
+from __future__ import annotations
+
+import time
+from typing import Any
+
+import numpy as np
+import pandas as pd
+from sklearn.model_selection import train_test_split
+
+from foldlab.design import DesignSpace, space_of
+from foldlab.errors import InputError
+from foldlab.learning.features import as_labels
+from foldlab.learning.models import make_classifier
+from foldlab.learning.scoring import model_size, score
+
+DEFAULT_LABELS = 6000
+
+
+def known_labels(table: pd.DataFrame, space: DesignSpace) -> tuple[pd.DataFrame, int]:
+    """The groups (checked) and ``foldable`` of the designs whose label is known; and how many not.
+
+    Raises :class:`InputError` if the column ``foldable`` is missing or no label is known.
+    """
+    if "foldable" not in table:
+        raise InputError(
+            f"the table has no column foldable; it has {', '.join(map(str, table.columns))}; "
+            "label the designs first with `foldlab label` and `foldlab export`"
+        )
+    known = table[table["foldable"].notna()]
+    if len(known) == 0:
+        raise InputError("no design in the table has a known label; label more designs")
+    out = space.validate(known)
+    out["foldable"] = as_labels(known["foldable"])
+    return out, len(table) - len(known)
+
+
+def train_on(
+    table: pd.DataFrame,
+    name: str,
+    *,
+    seed: int,
+    holdout: float = 0.2,
+    rate: float | None = None,
+    options: dict[str, Any] | None = None,
+) -> tuple[Any, dict[str, Any]]:
+    """Train the model ``name`` on a table of labels; returns it with what was measured.
+
+    The share ``holdout`` of the labels is kept out of the training to score the model. With
+    ``rate`` half of it chooses the threshold for this false-positive rate and the other half scores
+    the result, so that no design is used twice. Raises :class:`InputError` for a bad table, an
+    unknown model or option, or too few labels for the rate.
+    """
+    if not 0 < holdout < 1:
+        raise InputError(f"holdout = {holdout:g}; expected a share between 0 and 1")
+    space = space_of(table)
+    known, unknown = known_labels(table, space)
+    for column in ("normalised_angle", "threshold"):
+        if column in table:
+            known[column] = table[column]
+    counts = known["foldable"].value_counts()
+    if len(counts) < 2 or counts.min() < 5:
+        raise InputError(
+            f"{int(known['foldable'].sum())} of {len(known)} designs fold; training needs at least "
+            "5 of each kind: label more designs"
+        )
+    training, held = train_test_split(
+        known, test_size=holdout, random_state=seed, stratify=known["foldable"]
+    )
+    start = time.perf_counter()
+    model = fit(name, space, training, seed=seed, **(options or {}))
+    seconds = time.perf_counter() - start
+    point = None
+    if rate is not None:
+        from foldlab.learning.operating_point import at_rate
+
+        calibration, held = train_test_split(
+            held, test_size=0.5, random_state=seed, stratify=held["foldable"]
+        )
+        model, point = at_rate(model, calibration[space.names], calibration["foldable"], rate=rate)
+    size, unit = model_size(model)
+    return model, {
+        "model": name,
+        "space": space.name,
+        "seed": seed,
+        "labels": len(training),
+        "calibration_labels": point.labels if point else 0,
+        "threshold": point.threshold if point else None,
+        "unknown": unknown,
+        "train_seconds": seconds,
+        "size": size,
+        "size_unit": unit,
+        **{f"holdout_{k}": v for k, v in score(model, held[space.names], held["foldable"]).items()},
+    }
+
+
+def default_classifier(source, *, seed: int, labels: int = DEFAULT_LABELS):
+    """A network trained on fresh labels of a source that is a formula.
+
+    Raises :class:`InputError` for a slow source, whose labels should not be spent unasked.
+    """
+    if not hasattr(source, "evaluate"):
+        raise InputError(
+            f"the source {source.name!r} is no formula: label designs with it, train a model with "
+            "`foldlab train` and give its folder as --model"
+        )
+    table = source.evaluate(source.space.sample(labels, seed=seed))
+    return fit("network", source.space, table, seed=seed)
+
+
+def fit(name: str, space: DesignSpace, labels: pd.DataFrame, *, seed: int, **options):
+    """A fitted model of this name on a table of labels; designs of unknown label are left out.
+
+    Raises :class:`InputError` if no label is known, or if the symbolic model finds no column
+    ``normalised_angle``.
+    """
+    known = labels[labels["foldable"].notna()]
+    if len(known) == 0:
+        raise InputError("no design in the table has a known label; label more designs")
+    model = make_classifier(name, space, seed=seed, **options)
+    target = as_labels(known["foldable"])
+    if name == "symbolic":
+        if "normalised_angle" not in known:
+            raise InputError(
+                "the symbolic model learns the angle per unit strain, and the table has no column "
+                "normalised_angle; label with a source that states it, or take another model"
+            )
+        # A unit that its weight crushes is known not to fold, but has no angle.
+        known = known[known["normalised_angle"].notna()]
+        angle = known["normalised_angle"].to_numpy(float)
+        if "threshold" in known:
+            model.set_params(threshold=float(known["threshold"].iloc[0]))
+        if (angle <= 0).any():
+            # A sheet that sags turns the other way; the formula's logs need numbers above 0, and
+            # far from the threshold on that side no accuracy.
+            angle = np.maximum(angle, 0.1 * model.threshold)
+        return model.fit(known[space.names], angle)
+    return model.fit(known[space.names], target)
+
+
+def symbolic_options(seconds: float, seed: int) -> dict[str, dict[str, Any]]:
+    """Settings of the symbolic model for a time budget."""
+    from foldlab.learning.symbolic.engines import Constraints
+
+    return {"symbolic": {"constraints": Constraints(seconds=seconds, seed=seed)}}

@@ -1,0 +1,1 @@
+"""Regime maps: where a classifier predicts folding, and where a source agrees."""

@@ -1,0 +1,1 @@
+"""One unit: its record, why it folds, its pictures."""

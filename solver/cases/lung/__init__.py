@@ -1,0 +1,1 @@
+"""The lung (chapter 3)."""

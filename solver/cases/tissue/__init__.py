@@ -1,0 +1,1 @@
+"""Viscoelastic tissue (chapter 5)."""

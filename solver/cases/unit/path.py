@@ -1,0 +1,360 @@
+"""The stable path of a folding unit: what it does as its active layer contracts.
+
+The symmetric quarter is followed first. At each accepted point its stability is judged in all four
+symmetry classes: even or odd about each mirror plane, on the same mesh under other supports. Where
+a class is lost, the path goes on with the mirror planes that are left.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+from enum import Enum
+
+import numpy as np
+
+from solver.cases.unit.model import Model, build, foot
+from solver.cases.unit.symmetry import CLASSES, Check, Symmetries
+from solver.equilibrium.clock import OutOfTime
+from solver.equilibrium.descent import descend
+from solver.equilibrium.linear import SingularMatrix
+from solver.equilibrium.newton import Outcome, newton
+from solver.paths.point import Point
+from solver.paths.stable import Settle
+from solver.paths.steppers import ArcLength, LoadSteps, Noise
+from solver.physics.ground import Ground
+
+LONGEST = 0.2  # step of e, however little Timoshenko expects the hinge to turn
+PATIENCE = 2  # steps on in an unstable symmetry from which the fall out of it is tried again
+SWAY = 0.05  # root mean square of |Δu| in l_s that an arc-length step may move the unit by
+
+
+class Ending(Enum):
+    """Why a path ended where it did."""
+
+    REACHED = "the full contraction was reached on a stable path"
+    STOPPED = "the path was stopped at a state that was asked for"
+    TIMEOUT = "the time allowed was used up"
+    TOO_LONG = "the steps allowed were used up"
+    LOST = "no stable equilibrium was found beyond the last point"
+    APART = (
+        "the panels' contact is known in the mirror plane between them, and the unit lost that "
+        "symmetry"
+    )
+    NO_REST = "the flat unit found no rest on the ground"
+
+
+@dataclass(frozen=True, eq=False)
+class State:
+    """An accepted point: ``e``, curves (4, 1000, 3), checks, heights in l_s, energy.
+
+    ``clearance``: of the panels from each other's mirror plane, None where they may not touch.
+    """
+
+    e: float
+    curves: np.ndarray = field(repr=False)
+    checks: tuple[Check, ...]
+    lowest: float | None
+    tip: float | None
+    energy: float | None
+    iterations: int
+    unknowns: int
+    clearance: float | None = None
+
+    @property
+    def unstable(self) -> int | None:
+        """Elastically unstable modes in all classes; None if they could not be counted."""
+        counts = [c.held for c in self.checks]
+        return None if None in counts else sum(counts)
+
+    @property
+    def topples(self) -> bool:
+        """Whether the unit, elastically stable or not, would tip over if let go."""
+        return any((c.free or 0) > (c.held or 0) for c in self.checks)
+
+
+@dataclass(frozen=True)
+class Happening:
+    """``kind``: snap, toppling, the class of a loss of symmetry, or bifurcation where no class can
+    be told; ``e`` of the state after it; ``size`` of a jump, max|Δu| in l_s."""
+
+    kind: str
+    e: float
+    size: float = 0.0
+
+
+@dataclass(frozen=True, eq=False)
+class Folding:
+    """States along the path, what happened, and why it ended; the model and unknowns it ended in.
+
+    ``detail``: the solver's own sentence where it failed.
+    """
+
+    states: tuple[State, ...]
+    happenings: tuple[Happening, ...]
+    ending: Ending
+    detail: str
+    model: Model
+    x: np.ndarray | None
+    iterations: int
+    seconds: float
+    before: tuple[Model, np.ndarray] | None = None  # of the last state but one
+
+    @property
+    def last(self) -> State:
+        """The last accepted state; raises ValueError where there is none."""
+        if not self.states:
+            raise ValueError(f"the path has no states: {self.detail}")
+        return self.states[-1]
+
+
+def fold(
+    model: Model,
+    start: np.ndarray | None = None,
+    *,
+    rtol: float = 1e-6,
+    turn: float = 0.5,
+    stop: Callable[[State], bool] | None = None,
+    noise: tuple[float, int] | None = None,
+    arc: bool = False,
+    on_state: Callable[[Model, np.ndarray, State], None] | None = None,
+    max_states: int = 400,
+) -> Folding:
+    """Follow the stable path from e = 0, at rest, to e = 1.
+
+    ``start``: unknowns to begin with, zeros if None. ``rtol``: see
+    :func:`solver.equilibrium.newton.newton`. ``turn``: rad that the fold should turn by in a step,
+    by Timoshenko. ``stop``: asked at each state. ``noise``: amplitude and seed of §4.3.3, on a
+    whole model instead of the tests of symmetry, on load steps or, with ``arc``, on arc length,
+    which takes longer. ``on_state`` sees each state as it is accepted, with its model and unknowns.
+    """
+    walk = _Walk(model, rtol, turn, stop, noise, arc, on_state, max_states)
+    return walk.run(np.zeros(model.scene.size) if start is None else start)
+
+
+def carried(model: Model, x: np.ndarray, e: float, **options) -> tuple[Model, np.ndarray]:
+    """Another model of the same unit with the options of
+    :func:`solver.cases.unit.model.build`, and a state of this one on it as its unknowns."""
+    u = model.scene.displacement(x, e)
+
+    def mapped(body):
+        return model.body.interpolation(body.nodes) @ u
+
+    other = build(model.unit, **{**options, "at": mapped})
+    start = mapped(other.body)
+    if isinstance(other.ground, Ground):
+        # Between this mesh's contact points the sheet may lie below the floor.
+        low = other.ground.gaps(start).min() + 0.9 * other.ground.depth
+        start[:, 2] += max(0.0, -low)
+    if other.contact is not None:
+        gaps = other.body.nodes[:, 1] + start[:, 1]
+        panels = other.body.nodes[:, 1] > other.unit.hinge_length / 2
+        low = panels & (gaps < -0.9 * other.contact.depth)
+        start[low, 1] -= gaps[low] + 0.9 * other.contact.depth
+    return other, other.scene.unknowns(start)
+
+
+def refined(
+    folding: Folding,
+    level: int,
+    *,
+    earlier: bool = False,
+    rtol: float = 1e-6,
+    deadline: float | None = None,
+) -> Folding | None:
+    """The last state (``earlier``: the one before it) on another mesh: one equilibrium, no path.
+
+    None where the body went elsewhere (a curve by more than a tenth of the sheet), or found no
+    stable state nearby: then the path itself must be followed there. ``deadline``: as in
+    :func:`solver.cases.unit.model.build`.
+    """
+    begun = time.monotonic()
+    model, x, last = folding.model, folding.x, folding.last
+    if earlier:
+        (model, x), last = folding.before, folding.states[-2]
+    options = {**model.options, "body": None, "deadline": deadline, "level": level}
+    try:
+        fine, x = carried(model, x, last.e, **options)
+        found = newton(fine.scene, x, last.e, rtol=rtol, max_iterations=25, unstable=0)
+        spent = found.iterations
+        if not (found.converged and found.system.unstable == 0):
+            found = descend(fine.scene, x, last.e, rtol=rtol, reach=0.02, max_iterations=100)
+            spent += found.iterations
+        if not found.converged:
+            return None
+        checks = Symmetries(fine).check(found.x, last.e)
+    except OutOfTime:
+        return None
+    state = _state(fine, found.x, last.e, found.system.unstable, found.system.energy, spent, checks)
+    if np.abs(state.curves - last.curves).max() > 0.1 or state.unstable != last.unstable:
+        return None
+    return replace(
+        folding, states=(state,), happenings=(), model=fine, x=found.x, iterations=spent,
+        seconds=time.monotonic() - begun,
+    )  # fmt: skip
+
+
+def _state(model: Model, x, e, unstable, energy, iterations, checks) -> State:
+    lowest = tip = None
+    if model.ground is not None:
+        lowest = float(model.gaps(x, e).min())
+        u = model.scene.displacement(x, e)
+        tip = float((model.body.nodes + u)[foot(model.body, (0.0, 0.5, 0.0)), 2].item())
+    own = _own(model, x, e, unstable)
+    return State(
+        e, model.curves(x, e), (own, *checks), lowest, tip, energy, iterations, model.scene.size,
+        None if model.contact is None else model.clearance(x, e),
+    )  # fmt: skip
+
+
+def _own(model: Model, x: np.ndarray, e: float, unstable: int | None) -> Check:
+    """Counts in the model's own class, as :meth:`Symmetries.check` gives them for the others.
+
+    The block of the bordered inverse at the rows of the rotations is −(C K⁻¹ Cᵀ)⁻¹.
+    """
+    names = [row.name for row in model.scene.rows]
+    rows = [k for k, name in enumerate(names) if name in ("rotation x", "rotation y")]
+    if not (rows and model.heavy) or unstable is None:
+        return Check(model.mirrors, unstable, unstable)
+    at = model.scene.n_free + np.array(rows)
+    unit = np.zeros((model.scene.size, len(rows)))
+    unit[at, np.arange(len(rows))] = 1.0
+    try:
+        block = model.scene.system(x, e).factorise().solve(unit)[at]
+    except SingularMatrix:
+        return Check(model.mirrors, unstable, None)
+    tips = len(rows) - int((np.linalg.eigvalsh(block + block.T) < 0).sum())
+    return Check(model.mirrors, unstable, unstable + tips)
+
+
+class _Walk:
+    def __init__(self, model, rtol, turn, stop, noise, arc, on_state, max_states):
+        self.begun = time.monotonic()
+        self.model, self.stop = model, stop
+        self.on_state, self.max_states = on_state, max_states
+        angle = max(model.unit.fold_angle, model.unit.curvature * model.unit.width)
+        if model.growth == "uniaxial":
+            angle = model.unit.fold_angle
+        step = min(LONGEST, turn / max(angle, 1e-9))
+        self.steps = LoadSteps(
+            rtol=rtol, step=step, first=0.5, cut=4.0, growth=1.5, max_iterations=12,
+            largest=max(1.0, LONGEST / step),
+        )  # fmt: skip
+        self.stepper = Settle(self.steps)
+        if noise is not None:
+            self.stepper = self.landing = replace(self.steps, noise=Noise(*noise))
+            if arc:
+                self.stepper = ArcLength(rtol, SWAY, step, noise=Noise(*noise))
+        self.states: list[State] = []
+        self.happenings: list[Happening] = []
+        self.iterations = 0
+        self.toppled = False
+        self.symmetries = Symmetries(model)
+
+    def run(self, x: np.ndarray) -> Folding:
+        self.last = self.at = self.before = None
+        try:
+            return self._walk(x)
+        except OutOfTime:
+            return self._end(Ending.TIMEOUT, Ending.TIMEOUT.value, self.last)
+
+    def _walk(self, x: np.ndarray) -> Folding:
+        point = self.stepper.begin(self.model.scene, x, 0.0, 1.0)
+        if isinstance(point, Outcome):
+            return self._end(Ending.NO_REST, point.value, None)
+        while True:
+            point = self._patiently(point)
+            if isinstance(point, Ending):
+                return self._end(point, point.value, self.last)
+            if isinstance(point, Outcome):
+                return self._end(Ending.LOST, point.value, self.last)
+            self.last, self.before, self.at = point, self.at, (self.model, point.x)
+            if self.stop is not None and self.stop(self.states[-1]):
+                return self._end(Ending.STOPPED, Ending.STOPPED.value, point)
+            if point.e >= 1.0:
+                return self._end(Ending.REACHED, Ending.REACHED.value, point)
+            if len(self.states) >= self.max_states:
+                return self._end(Ending.TOO_LONG, Ending.TOO_LONG.value, point)
+            self.model = self.model.anchored(point.x, point.e)
+            point = self.stepper.advance(self.model.scene, point, 1.0)
+            if isinstance(point, Point) and point.e > 1.0:
+                # An arc passes its target; load steps land on it.
+                self.stepper, point = self.landing, self.landing.resume(self.last, 1.0)
+                point = self.stepper.advance(self.model.scene, point, 1.0)
+            if isinstance(point, Outcome):
+                return self._end(Ending.LOST, point.value, self.last)
+
+    def _end(self, ending: Ending, detail: str, point: Point | None) -> Folding:
+        # The model may have been widened since, in an attempt to go on from there.
+        model, x = (self.model, None) if point is None else self.at
+        return Folding(
+            tuple(self.states), tuple(self.happenings), ending, detail, model, x, self.iterations,
+            time.monotonic() - self.begun, self.before,
+        )  # fmt: skip
+
+    def _patiently(self, point: Point) -> Point | Outcome | Ending:
+        """As :meth:`_accept`; where the fall out of a symmetry finds no end, from a step further.
+
+        Close beyond a branch point little energy drives the fall, and it creeps.
+        """
+        whole = self.stepper
+        for _ in range(PATIENCE if isinstance(whole, Settle) else 0):
+            kept = self.model, self.symmetries, len(self.happenings)
+            self.stepper = replace(whole, most=whole.most // 4)
+            found = self._accept(point)
+            self.stepper = whole
+            if not isinstance(found, Outcome) or self.model is kept[0] or point.e >= 1.0:
+                return found
+            self.model, self.symmetries = kept[:2]
+            del self.happenings[kept[2] :]
+            further = self.stepper.advance(self.model.scene, point, 1.0)
+            if isinstance(further, Outcome):
+                return found
+            point = further
+        return self._accept(point)
+
+    def _accept(self, point: Point) -> Point | Outcome | Ending:
+        """The point, or the one that the unit goes to where a symmetry is lost."""
+        self.iterations += point.iterations
+        for event in point.events:
+            if event.kind in ("snap", "bifurcation"):
+                # With fewer mirror planes a mode may have more symmetry than the model: no class.
+                whole = len(self.model.mirrors) == 2
+                kind = "symmetric" if whole and event.kind == "bifurcation" else event.kind
+                self.happenings.append(Happening(kind, event.e, event.size))
+        checks = self.symmetries.check(point.x, point.e)
+        lost = self._lost(checks)
+        while lost and self.model.mirrors and isinstance(self.stepper, Settle):
+            # Of classes lost in the same step the one that keeps most.
+            first = max(lost, key=lambda c: len(c.kept))
+            kept = first.kept
+            if self.model.contact is not None and "y" not in kept:
+                return Ending.APART
+            self.model, x = self.model.widened(kept, point.x, point.e)
+            before = self.model.scene.displacement(x, point.e)
+            self.symmetries = Symmetries(self.model)
+            found = self.stepper.begin(self.model.scene, x, point.e, 1.0)
+            if isinstance(found, Outcome):
+                return found
+            self.iterations += found.iterations
+            size = float(np.abs(self.model.scene.displacement(found.x, found.e) - before).max())
+            kind = CLASSES[kept] if first.held else "toppling"
+            self.happenings.append(Happening(kind, point.e, size))
+            point = replace(found, index=point.index)
+            checks = self.symmetries.check(point.x, point.e)
+            lost = self._lost(checks)
+        state = _state(
+            self.model, point.x, point.e, point.unstable, point.energy, point.iterations, checks
+        )
+        if state.topples and not self.toppled:
+            self.happenings.append(Happening("toppling", point.e))
+            self.toppled = True
+        self.states.append(state)
+        if self.on_state is not None:
+            self.on_state(self.model, point.x, state)
+        return point
+
+    def _lost(self, checks) -> list[Check]:
+        """The classes in which the unit cannot stay as it is; tipping counts where it may tip."""
+        return [c for c in checks if (c.held if self.model.upright else c.free)]

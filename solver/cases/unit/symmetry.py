@@ -1,0 +1,109 @@
+"""Stability of a folding unit in the symmetry classes that the mirror planes of its model hide.
+
+A unit that stands on the ground may be able to tip over as a whole, with no elastic mode unstable.
+That is told apart by Haynsworth's formula: with the rotations' rows C the number of unstable modes
+is n₋(K) + n₋(−C K⁻¹ Cᵀ) − m, without them n₋(K).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.linalg import qr
+
+from solver.cases.unit.model import Model, plane
+from solver.equilibrium.linear import SingularMatrix
+from solver.equilibrium.scene import Scene
+from solver.physics.supports import Fixed, turning_row
+
+# What a mode does, by the mirror planes that it keeps.
+CLASSES = {("x", "y"): "symmetric", ("y",): "sideways", ("x",): "rocking", (): "twisting"}
+
+
+@dataclass(frozen=True)
+class Check:
+    """Unstable modes of one symmetry class, held upright and free to tip; None: not counted."""
+
+    kept: tuple[str, ...]
+    held: int | None
+    free: int | None
+
+
+class Symmetries:
+    """The classes of a model that its mirror planes hide, as scenes on the same mesh."""
+
+    def __init__(self, model: Model):
+        self.model = model
+        hidden = [m for m in ((), ("x",), ("y",)) if set(m) < set(model.mirrors)]
+        self._scenes = {kept: self._odd(kept) for kept in hidden}
+
+    def _odd(self, kept: tuple[str, ...]) -> Scene:
+        """Supports of perturbations odd about the mirror planes that are not kept."""
+        model, body = self.model, self.model.body
+        fixed = []
+        for axis, name in enumerate("xy"):
+            if name in model.mirrors:
+                on = plane(body, axis)
+                directions = [axis] if name in kept else [k for k in range(3) if k != axis]
+                fixed += [Fixed(on, np.eye(3)[k]) for k in directions]
+        held = np.zeros((len(body.nodes), 3), bool)
+        for support in fixed:
+            held[support.nodes] |= np.asarray(support.direction) > 0
+        # Motions that cost nothing are pinned, each at one component: the inertia is the same for
+        # any choice. Pins near the hinge keep their levers while the panels turn.
+        near = np.flatnonzero(
+            (np.abs(body.nodes[:, 1]) <= model.unit.hinge_length / 3) & (body.nodes[:, 2] < 1e-12)
+        )
+        modes = [np.broadcast_to(k, body.nodes.shape) for k in np.eye(3)]
+        modes += [np.cross(k, body.nodes) for k in np.eye(3)]
+        idle = [0, 1, 5] if model.heavy else range(6)
+        allowed = [modes[k] for k in idle if not np.abs(modes[k][held]).max(initial=0) > 1e-12]
+        if allowed:
+            candidates = np.array([(n, k) for n in near for k in range(3) if not held[n, k]])
+            lever = np.array([[m[n, k] for n, k in candidates] for m in allowed])
+            for pick in qr(lever, pivoting=True)[2][: len(allowed)]:
+                node, k = candidates[pick]
+                fixed.append(Fixed(np.array([node]), np.eye(3)[k]))
+        # Where both panels move the same way, their distance stays.
+        terms = [t for t in model.terms if t.name != "contact" or "y" in kept]
+        return Scene(body, terms, fixed=fixed, scales=model.scene.scales)
+
+    def check(self, x: np.ndarray, e: float) -> list[Check]:
+        """Counts in each hidden class at an equilibrium of the model."""
+        if not self._scenes:
+            return []
+        model = self.model
+        u = model.scene.displacement(x, e)
+        blocks = model.scene.evaluate(u, e, 2).stiffness
+        found = []
+        for kept, scene in self._scenes.items():
+            if model.contact is not None:
+                blocks = scene.evaluate(u, e, 2).stiffness
+            try:
+                factor = scene.system_of(blocks).factorise()
+            except SingularMatrix:
+                found.append(Check(kept, None, None))
+                continue
+            free = held = factor.negative
+            rows = self._rows(kept, u) if model.heavy else []
+            if rows and free is not None:
+                C = np.stack([scene.unknowns(row) for row in rows])
+                S = C @ factor.solve(np.ascontiguousarray(C.T)).reshape(scene.size, len(C))
+                held = free + int((np.linalg.eigvalsh(-(S + S.T)) < 0).sum()) - len(rows)
+            found.append(Check(kept, held, free))
+        return found
+
+    def _rows(self, kept, u) -> list[np.ndarray]:
+        """Coefficients of the rotations about x and y that the class can make."""
+        mirrors = self.model.mirrors
+        odd = [m for m in mirrors if m not in kept]
+        # A rotation about x is odd about the plane normal to y and even about that normal to x.
+        rows = []
+        for axis, turns in ((0, "y"), (1, "x")):
+            other = "x" if turns == "y" else "y"
+            odd_about = turns not in mirrors or turns in odd
+            even_about = other not in mirrors or other in kept
+            if odd_about and even_about:
+                rows.append(turning_row(self.model.body, axis, u, mirrors).coefficients)
+        return rows

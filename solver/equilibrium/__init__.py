@@ -1,0 +1,1 @@
+"""Scenes, linear solves, and equilibria at one load."""

@@ -1,0 +1,276 @@
+"""Down the energy at one load, to the next stable equilibrium.
+
+Damped Newton first: where the tangent has unstable modes, a multiple of the identity is added until
+it has none (Levenberg); the step goes downhill, and a line search makes the energy fall. That is
+quick nearby. Far away a straight step of a thin body stretches it, and the line search leaves next
+to nothing of it; then the body flows: x' = −∇E in implicit steps (backward Euler), each a minimum
+of E + s/2 |x − xₙ|² found by Newton from an extrapolation, as a load step would be. Also the
+critical mode: the eigenvector whose eigenvalue is nearest to zero.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from solver.equilibrium.linear import Factor, SingularMatrix
+from solver.equilibrium.newton import (
+    NewtonResult,
+    Outcome,
+    Step,
+    checked,
+    chords,
+    downhill,
+    largest,
+    newton,
+)
+from solver.equilibrium.scene import Scene, System
+
+_DIRECT = 25  # factorisations before the body flows
+
+
+def critical_mode(
+    scene: Scene, factor: Factor, start: np.ndarray | None = None, *, sweeps: int = 8
+) -> tuple[float, np.ndarray]:
+    """Eigenvalue nearest to zero of the stiffness on the rows' manifold, and its vector (size,).
+
+    Inverse iteration with a factor that is at hand. The vector is 1 in the Euclidean norm of the
+    free components, 0 in the multipliers; the eigenvalue is a stiffness, in force per length.
+    Raises :class:`solver.equilibrium.linear.SingularMatrix` if the factor gives nothing finite.
+    """
+    n = scene.n_free
+    if start is None:
+        start = np.zeros(scene.size)
+        start[:n] = np.random.default_rng(0).standard_normal(n)
+    v = np.zeros(scene.size)
+    v[:n] = start[:n] / np.linalg.norm(start[:n])
+    value = np.inf
+    for _ in range(sweeps):
+        w = factor.solve(v)
+        w[n:] = 0.0
+        norm = np.linalg.norm(w)
+        if not (np.isfinite(norm) and norm > 0):
+            raise SingularMatrix("inverse iteration met a singular factor")
+        before, value = value, 1.0 / (v @ w) if v @ w != 0 else np.inf
+        v = w / norm
+        if abs(value - before) < 1e-3 * abs(value):
+            break
+    return float(value), v
+
+
+def descend(
+    scene: Scene,
+    x: np.ndarray,
+    e: float,
+    *,
+    rtol: float,
+    max_iterations: int = 600,
+    reach: float = 0.1,
+) -> NewtonResult:
+    """Stable equilibrium down the energy from ``x`` (size,) at the load ``e``.
+
+    ``rtol``: as in :func:`solver.equilibrium.newton.newton`. ``reach``: longest step, max|Δu| /
+    length, so that it ends in the next valley and not in some valley. At a saddle it leaves along
+    the lowest mode, to the side where the energy is lower. Outcomes: CONVERGED (no unstable modes),
+    NO_STABLE_STATE, NO_PROGRESS, STAGNATED, INADMISSIBLE, SINGULAR.
+
+    Raises ValueError for a scene without energy or whose linear solver can't count negative pivots,
+    a tolerance ≤ 0 or a guess of the wrong shape.
+    """
+    x = checked(scene, x, rtol)
+    n, length = scene.n_free, scene.scales.length
+    shift, iterations, correction, ratio = 0.0, 0, np.inf, np.inf
+    system = None
+
+    def size(dx):
+        return largest(dx[:n]) / length
+
+    def residual(z):
+        return scene.residual(z, e)
+
+    def result(outcome, x=None):
+        where = here if x is None else x
+        return NewtonResult(where, e, outcome, iterations, correction, ratio, system)
+
+    here = x
+    while iterations < min(max_iterations, _DIRECT):
+        system = scene.system(here, e)
+        if system is None:
+            return result(Outcome.INADMISSIBLE)
+        if system.energy is None:
+            raise ValueError(
+                "descend needs an energy, and a term of this scene has none; "
+                "use newton, or replace the term by one with a potential"
+            )
+        ratio = largest(system.residual) / scene.scales.force
+        try:
+            used, shift, spent = _definite(scene, system, shift)
+            iterations += spent
+            factor = used.factorise()
+        except SingularMatrix:
+            return result(Outcome.SINGULAR)
+        dx = -factor.solve(system.residual)
+        correction = size(dx)
+        if not np.isfinite(correction):
+            return result(Outcome.SINGULAR)
+        longest = scene.longest_step(here, dx, e)
+        if correction <= rtol and (shift > 0 or longest >= 1.0):
+            if shift == 0:
+                return result(Outcome.CONVERGED, here + dx)
+            if system.unstable == 0:
+                shift = 0.0
+                continue
+            try:
+                here = _off_saddle(scene, system, here, e, rtol)
+            except SingularMatrix:
+                return result(Outcome.SINGULAR)
+            continue
+        share = min(longest, reach / correction, 1.0)
+        step = downhill(scene, system, here, e, dx, share)
+        if not isinstance(step, Step):
+            if shift == 0 and correction <= 1e3 * rtol:
+                return result(Outcome.STAGNATED)
+            break
+        if shift == 0:
+            here, left = chords(residual, factor.solve, step, size, rtol)
+            if left <= rtol:
+                correction = left
+        else:
+            here = step.z
+            # A full step says that the shifted model is good: lean on it less.
+            shift *= 0.25 if step.share >= 1 else 1.0
+    if iterations >= max_iterations:
+        return result(Outcome.NO_STABLE_STATE)
+    try:
+        return _flow(scene, here, e, rtol, reach, max_iterations, iterations, shift)
+    except SingularMatrix:
+        return result(Outcome.SINGULAR)
+
+
+class _Drag:
+    """The scene with s/2 |x − xₙ|² added to its energy; what :func:`newton` asks of a scene."""
+
+    def __init__(self, scene: Scene, anchor: np.ndarray, drag: float):
+        self._scene, self._anchor, self._drag = scene, anchor, drag
+        self.size, self.n_free, self.scales = scene.size, scene.n_free, scene.scales
+        self.longest_step = scene.longest_step
+
+    def _pull(self, x):
+        d = np.zeros(self.size)
+        d[: self.n_free] = x[: self.n_free] - self._anchor[: self.n_free]
+        return 0.5 * self._drag * float(d @ d), self._drag * d
+
+    def system(self, x, e):
+        found = self._scene.system(x, e)
+        if found is None:
+            return None
+        energy, force = self._pull(x)
+        out = found.shifted(self._drag)
+        out.residual, out.energy = found.residual + force, found.energy + energy
+        return out
+
+    def residual(self, x, e):
+        R = self._scene.residual(x, e)
+        return None if R is None else R + self._pull(x)[1]
+
+    def gradient(self, x, e):
+        found = self._scene.gradient(x, e)
+        if found is None:
+            return None
+        energy, force = self._pull(x)
+        return found[0] + energy, found[1] + force
+
+
+def _flow(scene, x, e, rtol, reach, max_iterations, spent, drag) -> NewtonResult:
+    """Implicit gradient flow from x until plain Newton reaches a stable equilibrium."""
+    n, length = scene.n_free, scene.scales.length
+    system = scene.system(x, e)
+    _, first, more = _definite(scene, system, drag)
+    drag, spent = max(first, drag), spent + more
+    if drag == 0:
+        value, _ = critical_mode(scene, system.factorise(), sweeps=4)
+        drag = abs(value)
+    velocity, failed = np.zeros(scene.size), 0
+    last = NewtonResult(x, e, Outcome.NO_STABLE_STATE, spent, np.inf, np.inf, system)
+    while spent < max_iterations and failed < 12:
+        step = newton(
+            _Drag(scene, x, drag), x + velocity / drag, e,
+            rtol=max(rtol, 1e-3 * reach), max_iterations=10, unstable=0, fresh=False,
+        )  # fmt: skip
+        spent += step.iterations + 1
+        moved = largest(step.x[:n] - x[:n]) / length
+        found = scene.energy(step.x, e)
+        # Differences of a thin body's energy are roundoff to ~1e-6 of it.
+        falls = found <= system.energy + 1e-6 * abs(system.energy)
+        if not (falls and 0 < moved <= 3 * reach):
+            drag, failed = 8 * drag, failed + 1
+            # After Newton's method has moved on, the pace is another place's and may overshoot.
+            velocity = (0.0 if failed > 2 else 1.0 if step.iterations < 3 else 0.5) * velocity
+            continue
+        failed = 0
+        velocity = drag * (step.x - x)
+        velocity[n:] = 0.0
+        # Unfinished, a step is still one downhill, but its pace says little.
+        settled = step.outcome in (Outcome.CONVERGED, Outcome.STAGNATED)
+        drag *= (0.3 if moved < reach else 1.0) if settled else 2.0
+        x, system = step.x, scene.system(step.x, e)
+        if system.unstable == 0:
+            plain = newton(scene, x, e, rtol=rtol, max_iterations=8, unstable=0)
+            spent += plain.iterations
+            if largest(plain.x[:n] - x[:n]) / length <= 3 * reach:
+                if plain.converged and plain.system.unstable == 0:
+                    return replace(plain, iterations=spent)
+                found = scene.energy(plain.x, e)
+                if found < system.energy:
+                    x, system = plain.x, scene.system(plain.x, e)
+        elif moved <= rtol:
+            x, velocity = _off_saddle(scene, system, x, e, rtol), 0 * velocity
+            system = scene.system(x, e)
+    return replace(last, x=x, iterations=spent)
+
+
+def _definite(scene: Scene, system: System, shift: float) -> tuple[System, float, int]:
+    """A shifted tangent without unstable modes, its shift, and the factorisations it took."""
+    spent = 1
+    if system.unstable == 0:
+        return system, 0.0, spent
+    value, _ = critical_mode(scene, system.factorise(), sweeps=4)
+    shift = max(shift, 2 * abs(value), 1e-14 * scene.scales.force / scene.scales.length)
+    counted = system.unstable is not None
+    for _ in range(40):
+        trial = system.shifted(shift)
+        spent += 1
+        count = trial.unstable
+        counted |= count is not None
+        if count == 0:
+            return trial, shift, spent
+        shift *= 4
+    if not counted:
+        raise ValueError(
+            "descend needs to count negative pivots, and this scene's linear solver gives none; "
+            "use linear='pardiso' and terms that are all symmetric"
+        )
+    raise SingularMatrix("no shift makes the tangent positive definite")
+
+
+def _off_saddle(scene: Scene, system: System, x: np.ndarray, e: float, rtol: float) -> np.ndarray:
+    """A state of lower energy beside a saddle, along its lowest mode.
+
+    Where roundoff hides the fall, a small step along the mode. Raises
+    :class:`solver.equilibrium.linear.SingularMatrix` where no shift makes the tangent definite.
+    """
+    # The eigenvalue nearest to zero may be a positive one. Of a tangent shifted until it is
+    # definite it is the lowest.
+    used, _, _ = _definite(scene, system, 0.0)
+    _, mode = critical_mode(scene, used.factorise(), sweeps=60)
+    mode = mode * scene.scales.length / largest(mode)
+    for amount in (1e-3, 1e-2, 1e-4, 1e-5, 10 * rtol):
+        sides = []
+        for side in (1.0, -1.0):
+            found = scene.energy(x + side * amount * mode, e)
+            if found is not None and found < system.energy:
+                sides.append((found, side))
+        if sides:
+            return x + min(sides)[1] * amount * mode
+    return x + 1e-4 * mode

@@ -1,0 +1,402 @@
+"""A scene: a body, a list of terms, what is held. The sum of the terms is the whole physics.
+
+Unknowns. Each node may be turned into a frame of its own (for mirror planes and supports at an
+angle) in which single components are prescribed; the rest are the free components q. Linear rows
+C u = c(e), such as "no mean rotation", come with Lagrange multipliers λ. The vector of unknowns is
+x = (q, λ), and with the total energy E(u, e)
+
+    R(x, e) = (Tᵀ dE/du + (C T)ᵀ λ,  C u − c(e)),        u = T q + u₀(e).
+
+Continuation sees x, e and R, and never learns what e drives.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from copy import copy
+from dataclasses import dataclass
+
+import numpy as np
+
+from solver.equilibrium.linear import Factor, ScaledFactor, make_solver
+from solver.mesh.body import Body, NodeGraph
+from solver.physics.fields import Unphysical
+from solver.physics.supports import Fixed, Held, Row, rotation_row, translation_row
+from solver.physics.term import Evaluation, Term
+
+__all__ = [
+    "Evaluation", "Fixed", "Row", "Scales", "Scene", "System", "Term", "rotation_row",
+    "translation_row",
+]  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Scales:
+    """Sizes that make tolerances ratios: m (or l_s), force and energy in the scene's own units."""
+
+    length: float
+    force: float
+    energy: float
+
+
+class System:
+    """Energy, residual and tangent at one (x, e); factorised when first needed."""
+
+    def __init__(
+        self, scene: Scene, residual: np.ndarray, values: np.ndarray, energy: float | None = None
+    ):
+        self.residual = residual
+        self.values = values
+        self.energy = energy
+        self._scene = scene
+        self._factor: Factor | None = None
+
+    def factorise(self) -> Factor:
+        """The factorised tangent; raises :class:`solver.equilibrium.linear.SingularMatrix`."""
+        if self._factor is None or not self._factor.alive:
+            self._factor = self._scene.factorised(self.values)
+        return self._factor
+
+    @property
+    def unstable(self) -> int | None:
+        """Unstable modes: negative pivots less the constraint rows; None if they can't be counted.
+
+        With m independent rows the bordered matrix has exactly m negative eigenvalues more than the
+        stiffness has on the states that the rows allow.
+        """
+        negative = self.factorise().negative
+        return None if negative is None else negative - self._scene.n_rows
+
+    def shifted(self, shift: float) -> System:
+        """The same state with ``shift`` added to the stiffness of every free component."""
+        values = self.values.copy()
+        values[self._scene.diagonal] += shift
+        return System(self._scene, self.residual, values, self.energy)
+
+
+class Scene:
+    """Terms on the nodes of a body, with prescribed displacements and constraint rows."""
+
+    def __init__(
+        self,
+        body: Body,
+        terms: Sequence[Term],
+        *,
+        fixed: Sequence[Fixed] = (),
+        rows: Sequence[Row] = (),
+        scales: Scales | None = None,
+        linear: str = "auto",
+    ):
+        """Raises ValueError for contradictory supports, or no term with stiffness."""
+        self.body = body
+        self.terms = tuple(terms)
+        self.rows = tuple(rows)
+        if not any(term.graph is not None for term in self.terms):
+            raise ValueError("no term has a stiffness; add an Elastic term to the scene")
+        self.symmetric = all(term.symmetric for term in self.terms)
+        self.n_nodes = len(body.nodes)
+        self._held = Held(self.n_nodes, fixed)
+        self.n_free = len(self._held.index)
+        self.n_rows = len(self.rows)
+        self.size = self.n_free + self.n_rows
+        local = [self._held.to_local(r.coefficients).ravel() for r in self.rows]
+        self._C = np.array(local).reshape(self.n_rows, 3 * self.n_nodes)
+        self._graph()
+        self._matrix()
+        if linear == "cg" and self.rows:
+            raise ValueError("conjugate gradients can't take constraint rows; use a direct method")
+        self.solver = make_solver(
+            self._indptr,
+            self._indices,
+            symmetric=self.symmetric,
+            method=linear,
+            bordered=bool(self.rows),
+            modes=self._rigid_modes() if linear == "cg" else None,
+        )
+        self._row_scale: np.ndarray | None = None
+        self.scales = scales or Scales(body.length, *self._natural_scales())
+
+    def with_terms(self, terms: Sequence[Term]) -> Scene:
+        """The same body, supports, solver and scales with other terms: nothing is analysed again.
+
+        So a step in time swaps a term for its successor. Raises ValueError where they bring pairs
+        of nodes that share no block here, or a stiffness that is not symmetric into one that is.
+        """
+        terms = tuple(terms)
+        if self.symmetric and not all(term.symmetric for term in terms):
+            raise ValueError("a term's stiffness is not symmetric and this scene's is; build anew")
+        known = {id(t.graph): where for t, where in zip(self.terms, self._where, strict=True)}
+        new = [t.graph for t in terms if t.graph not in (None, self.graph)]
+        new = [g for g in new if id(g) not in known]
+        if any(NodeGraph.union([self.graph, g]).blocks > self.graph.blocks for g in new):
+            raise ValueError("a term couples nodes that share no block here; build the scene anew")
+        other = copy(self)
+        other.terms = terms
+        known |= {id(None): None, id(self.graph): None}
+        known |= {id(g): self.graph.find(g) for g in new}
+        other._where = [known[id(t.graph)] for t in terms]
+        return other
+
+    # -- what is held ----------------------------------------------------------------------------
+
+    def displacement(self, x: np.ndarray, e: float) -> np.ndarray:
+        """u (nodes, 3) of the unknowns x at the load e."""
+        local = self._held.values(e)
+        local[self._held.index] = x[: self.n_free]
+        return self._held.to_global(local.reshape(-1, 3))
+
+    def unknowns(self, u: np.ndarray, multipliers: np.ndarray | None = None) -> np.ndarray:
+        """x of a displacement (nodes, 3); prescribed components are dropped."""
+        x = np.zeros(self.size)
+        x[: self.n_free] = self._held.to_local(u).ravel()[self._held.index]
+        if multipliers is not None:
+            x[self.n_free :] = multipliers
+        return x
+
+    def step_displacement(self, dx: np.ndarray) -> np.ndarray:
+        """du (nodes, 3) of a change of the unknowns at fixed load."""
+        local = np.zeros(3 * self.n_nodes)
+        local[self._held.index] = dx[: self.n_free]
+        return self._held.to_global(local.reshape(-1, 3))
+
+    def refuse_free_motion(self, x: np.ndarray, e: float) -> None:
+        """Raises ValueError if the body can be moved rigidly without any resistance at (x, e).
+
+        A term with a barrier (``longest_step``) may hold the body later, so such scenes pass, and
+        so do stand-ins for a body, whose nodes are no solid.
+        """
+        if not isinstance(self.body, Body):
+            return
+        u = self.displacement(x, e)
+        stiffness = self.evaluate(u, e, 2).stiffness
+        if stiffness is None or any(hasattr(term, "longest_step") for term in self.terms):
+            return
+        now = (self.body.nodes + u) - self.body.nodes.mean(axis=0)
+        modes = [np.broadcast_to(axis, now.shape) for axis in np.eye(3)]
+        modes += [np.cross(axis, now) / self.body.length for axis in np.eye(3)]
+        M = np.column_stack([self._held.to_local(m.copy()).ravel() for m in modes])
+        against = np.vstack([M[~self._held.free], self._C @ M])
+        left = np.eye(6)
+        if len(against):
+            _, sizes, rest = np.linalg.svd(against, full_matrices=True)
+            left = rest[np.sum(sizes > 1e-9 * max(sizes.max(), 1e-300)) :].T
+        if not left.size:
+            return
+        free = np.stack([self._held.to_global((M @ k).reshape(-1, 3)) for k in left.T])
+        a = np.repeat(np.arange(self.graph.n), np.diff(self.graph.indptr))
+        pull = np.einsum("bij,kbj->kbi", stiffness, free[:, self.graph.indices])
+        work = np.einsum("kbi,lbi->kl", pull, free[:, a])
+        size = np.abs(stiffness[a == self.graph.indices]).max() * (free**2).sum((1, 2)).max()
+        loose = int(np.sum(np.abs(np.linalg.eigvalsh((work + work.T) / 2)) < 1e-10 * size))
+        if loose:
+            raise ValueError(
+                f"{loose} of the body's rigid motions meet no resistance; hold them by Fixed, or "
+                "by translation_row and rotation_row"
+            )
+
+    # -- the sum of the terms --------------------------------------------------------------------
+
+    def evaluate(self, u: np.ndarray, e: float, order: int = 2) -> Evaluation:
+        """Sum of all terms in the nodes' common frame.
+
+        Raises :class:`solver.physics.fields.Unphysical` for a load at which a term has no meaning.
+        """
+        energy: float | None = 0.0
+        force = np.zeros((self.n_nodes, 3)) if order >= 1 else None
+        blocks, own = None, False
+        for term, where in zip(self.terms, self._where, strict=True):
+            part = term.evaluate(u, e, order)
+            energy = None if energy is None or part.energy is None else energy + part.energy
+            if part.energy == np.inf:
+                return Evaluation(np.inf)
+            if order >= 1:
+                force += part.force
+            if order < 2 or part.stiffness is None:
+                continue
+            if blocks is None and where is None:
+                # Most scenes have one stiff term: its array is the sum, but not ours to change.
+                blocks = part.stiffness
+                continue
+            if not own:
+                empty = np.zeros((self.graph.blocks, 3, 3))
+                blocks, own = empty if blocks is None else blocks.copy(), True
+            if where is None:
+                blocks += part.stiffness
+            else:
+                blocks[where] += part.stiffness  # each block stands once
+        return Evaluation(energy, force, blocks)
+
+    def _tried(self, u: np.ndarray, e: float, order: int) -> Evaluation:
+        """The sum of the terms at a state that an iteration tries, which may make no sense."""
+        try:
+            return self.evaluate(u, e, order)
+        except Unphysical:
+            return Evaluation(np.inf)
+
+    def energy(self, x: np.ndarray, e: float) -> float | None:
+        """Total energy with the multipliers' part left out; inf where not admissible."""
+        return self._tried(self.displacement(x, e), e, 0).energy
+
+    def residual(self, x: np.ndarray, e: float) -> np.ndarray | None:
+        """R(x, e), shape (size,); None where the state is not admissible."""
+        u = self.displacement(x, e)
+        part = self._tried(u, e, 1)
+        return None if part.force is None else self._residual(part.force, u, x, e)
+
+    def gradient(self, x: np.ndarray, e: float) -> tuple[float | None, np.ndarray] | None:
+        """Energy (None where there is none) and residual; None where not admissible."""
+        u = self.displacement(x, e)
+        part = self._tried(u, e, 1)
+        return None if part.force is None else (part.energy, self._residual(part.force, u, x, e))
+
+    def system(self, x: np.ndarray, e: float) -> System | None:
+        """Residual and tangent; None where the state is not admissible."""
+        u = self.displacement(x, e)
+        part = self._tried(u, e, 2)
+        if part.force is None:
+            return None
+        R = self._residual(part.force, u, x, e)
+        return System(self, R, self._gather(part.stiffness), part.energy)
+
+    def system_of(self, stiffness: np.ndarray) -> System:
+        """A tangent given by its blocks on this scene's graph, such as that of a state which these
+        supports don't hold: so the stability of a symmetric state is judged under others. Its
+        residual is 0."""
+        return System(self, np.zeros(self.size), self._gather(stiffness))
+
+    def load_rate(self, x: np.ndarray, e: float, step: float = 1e-6) -> np.ndarray | None:
+        """∂R/∂e by central differences of the force; None where not admissible."""
+        lo, hi = self.residual(x, e - step), self.residual(x, e + step)
+        return None if lo is None or hi is None else (hi - lo) / (2 * step)
+
+    def longest_step(self, x: np.ndarray, dx: np.ndarray, e: float) -> float:
+        """Share of dx (at most 1) that every barrier admits."""
+        steps = [
+            term.longest_step(self.displacement(x, e), self.step_displacement(dx))
+            for term in self.terms
+            if hasattr(term, "longest_step")
+        ]
+        return min([1.0, *steps])
+
+    def _residual(self, force, u, x, e) -> np.ndarray:
+        local = self._held.to_local(force).ravel()
+        R = np.empty(self.size)
+        R[: self.n_free] = local[self._held.index]
+        if self.n_rows:
+            R[: self.n_free] += self._C[:, self._held.index].T @ x[self.n_free :]
+            targets = [r.value(e) if callable(r.value) else r.value for r in self.rows]
+            R[self.n_free :] = self._C @ self._held.to_local(u).ravel() - targets
+        return R
+
+    def factorised(self, values: np.ndarray) -> Factor:
+        """The factor of a matrix on this scene's pattern."""
+        if not self.n_rows:
+            return self.solver.factorise(values)
+        # Rows of size 1 beside a stiffness of 1e7 leave pivots that PARDISO takes for zero.
+        if self._row_scale is None:
+            typical = np.median(np.abs(values[self.diagonal]))
+            self._row_scale = np.ones(self.size)
+            self._row_scale[self.n_free :] = typical / np.abs(self._C).max(axis=1)
+            a = np.repeat(np.arange(self.size), np.diff(self._indptr))
+            self._entry_scale = self._row_scale[a] * self._row_scale[self._indices]
+        return ScaledFactor(self.solver.factorise(values * self._entry_scale), self._row_scale)
+
+    # -- sparsity --------------------------------------------------------------------------------
+
+    def _graph(self) -> None:
+        graphs = [term.graph for term in self.terms if term.graph is not None]
+        self.graph = graphs[0]
+        if any(g is not self.graph for g in graphs):
+            self.graph = NodeGraph.union(graphs)
+        self._where = [
+            None if t.graph is None or t.graph is self.graph else self.graph.find(t.graph)
+            for t in self.terms
+        ]
+
+    def _matrix(self) -> None:
+        """Where each entry of the matrix (upper triangle if symmetric) comes from."""
+        g, n_free = self.graph, self.n_free
+        number = np.full(3 * self.n_nodes, -1)
+        number[self._held.index] = np.arange(n_free)
+        a = np.repeat(np.arange(g.n), np.diff(g.indptr))
+        b = g.indices.astype(np.int64)
+        rows = number[(3 * a[:, None] + np.arange(3))][:, :, None]
+        cols = number[(3 * b[:, None] + np.arange(3))][:, None, :]
+        rows, cols = (m.ravel() for m in np.broadcast_arrays(rows, cols))
+        keep = (rows >= 0) & (cols >= 0)
+        if self.symmetric:
+            keep &= rows <= cols
+        source = np.flatnonzero(keep)
+        rows, cols = rows[source], cols[source]
+        if self.n_rows:
+            C = self._C[:, self._held.index]
+            k, j = np.nonzero(C)
+            self._row_values = C[k, j]
+            lower = np.arange(n_free, self.size)
+            extra_rows, extra_cols = [j, lower], [n_free + k, lower]
+            extra = [np.arange(len(k)), np.full(self.n_rows, -1)]
+            if not self.symmetric:
+                extra_rows.append(n_free + k)
+                extra_cols.append(j)
+                extra.append(np.arange(len(k)))
+            self._constant = np.concatenate(extra)
+            rows = np.concatenate([rows, *extra_rows])
+            cols = np.concatenate([cols, *extra_cols])
+        order = np.lexsort((cols, rows))
+        self._source, self._order = source, order
+        counts = np.bincount(rows, minlength=self.size)
+        self._indptr = np.concatenate([[0], np.cumsum(counts)])
+        self._indices = cols[order].astype(np.int32)
+        self.diagonal = np.flatnonzero((rows == cols)[order])[:n_free]
+        if self.n_rows:
+            tail = np.append(self._row_values, 0.0)[self._constant]
+            self._tail = tail
+        else:
+            self._tail = np.zeros(0)
+        # One gather does the selection and the order together.
+        position = np.concatenate([source, 9 * g.blocks + np.arange(len(self._tail))])
+        self._gather_index = position[order]
+
+    def _gather(self, blocks: np.ndarray) -> np.ndarray:
+        if len(self._held.turned):
+            blocks = self._turn(blocks)
+        flat = blocks.reshape(-1)
+        if len(self._tail):
+            flat = np.concatenate([flat, self._tail])
+        return flat[self._gather_index]
+
+    def _turn(self, blocks: np.ndarray) -> np.ndarray:
+        g = self.graph
+        a = np.repeat(np.arange(g.n), np.diff(g.indptr))
+        turned = np.zeros(g.n, bool)
+        turned[self._held.turned] = True
+        hit = np.flatnonzero(turned[a] | turned[g.indices])
+        out = blocks.copy()
+        out[hit] = np.einsum(
+            "nji,njk,nkl->nil",
+            self._held.frames[a[hit]],
+            blocks[hit],
+            self._held.frames[g.indices[hit]],
+        )
+        return out
+
+    def _rigid_modes(self) -> np.ndarray:
+        """Translations and rotations in the free unknowns, (n_free, 6)."""
+        arm = (self.body.nodes - self.body.nodes.mean(axis=0)) / self.body.length
+        modes = [np.broadcast_to(axis, arm.shape) for axis in np.eye(3)]
+        modes += [np.cross(axis, arm) for axis in np.eye(3)]
+        return np.column_stack(
+            [self._held.to_local(m.copy()).ravel()[self._held.index] for m in modes]
+        )
+
+    def _natural_scales(self) -> tuple[float, float]:
+        """Force and energy of a unit mean stretch: from the stiffness of the undeformed state."""
+        u = np.zeros((self.n_nodes, 3))
+        blocks = self.evaluate(u, 0.0, 2).stiffness
+        if blocks is None:
+            raise ValueError("the undeformed state is not admissible at e = 0; give scales")
+        g = self.graph
+        a = np.repeat(np.arange(g.n), np.diff(g.indptr))
+        trace = np.einsum("nii->n", blocks[a == g.indices]) / 3
+        force = float(np.linalg.norm(trace)) * self.body.length
+        return force, force * self.body.length

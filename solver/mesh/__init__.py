@@ -1,0 +1,1 @@
+"""Bodies: structured and Gmsh meshes, their checks and quality."""

@@ -1,0 +1,230 @@
+"""Points of a path, and the extended system R(x, e) = 0, f(x, e) = 0 that carries it round folds.
+
+The load e is an unknown and f says where on the path to stop: an ellipsoid about the last point
+(Eqs. 2.64–2.71) or a plane. The bordered matrix
+
+    [ K   ∂R/∂e ] [dx]     [R]
+    [ rᵀ    d   ] [de] = − [f]
+
+is solved with the one factorisation of K by mixed block elimination (Govaerts and Pryce 1993),
+which stays accurate at limit points, where K is singular and the bordered matrix is not.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from solver.equilibrium.linear import Factor, SingularMatrix
+from solver.equilibrium.newton import Outcome, Stagnation, chords, damped, largest
+from solver.equilibrium.scene import Scene, System
+from solver.paths.point import Metric, Point
+
+
+@dataclass(frozen=True, eq=False)
+class Ellipsoid:
+    """f = ‖z − centre‖² − 1 (Eq. 2.64); a and b are the metric's."""
+
+    centre: np.ndarray
+    metric: Metric
+
+    def value(self, z: np.ndarray) -> float:
+        """f(z)."""
+        return self.metric.dot(z - self.centre, z - self.centre) - 1.0
+
+    def row(self, z: np.ndarray) -> np.ndarray:
+        """∂f/∂z."""
+        return 2 * self.metric.row(z - self.centre)
+
+
+@dataclass(frozen=True, eq=False)
+class Plane:
+    """f = r · (z − at)."""
+
+    at: np.ndarray
+    normal: np.ndarray
+
+    def value(self, z: np.ndarray) -> float:
+        """f(z)."""
+        return float(self.normal @ (z - self.at))
+
+    def row(self, z: np.ndarray) -> np.ndarray:
+        """∂f/∂z."""
+        return self.normal
+
+
+class Bordered:
+    """[K c; rᵀ d] with the factor of K: three solves to begin with, one for each right side."""
+
+    def __init__(self, factor: Factor, column: np.ndarray, row: np.ndarray):
+        """``column`` ∂R/∂e (size,); ``row`` (size + 1,)."""
+        self._factor, self._c, self._r, self._d = factor, column, row[:-1], row[-1]
+        self._v = factor.solve(column)
+        self._w = factor.solve(self._r, transposed=True)
+        self._delta = self._d - self._r @ self._v
+        self._delta_w = self._d - self._w @ column
+        pivots = (self._delta, self._delta_w)
+        if not np.isfinite(pivots).all() or 0.0 in pivots:
+            raise SingularMatrix("the bordered matrix is singular")
+
+    def solve(self, b: np.ndarray) -> np.ndarray:
+        """z of the bordered system for the right side b (size + 1,)."""
+        f, g = b[:-1], b[-1]
+        first = (g - self._w @ f) / self._delta_w
+        p = self._factor.solve(f - self._c * first)
+        second = (g - self._d * first - self._r @ p) / self._delta
+        return np.append(p - self._v * second, first + second)
+
+
+@dataclass(frozen=True, eq=False)
+class Corrected:
+    """What :func:`correct` found; the factor of ``system`` is alive."""
+
+    z: np.ndarray
+    outcome: Outcome
+    iterations: int
+    residual: float
+    system: System | None
+
+    @property
+    def converged(self) -> bool:
+        """Whether the tolerance was met."""
+        return self.outcome is Outcome.CONVERGED
+
+
+def correct(
+    scene: Scene,
+    z: np.ndarray,
+    constraint: Ellipsoid | Plane,
+    *,
+    rtol: float,
+    load_size: float,
+    max_iterations: int,
+) -> Corrected:
+    """Newton on the extended system (Eqs. 2.65–2.72) from the guess z = (x, e), (size + 1,).
+
+    Converged when max|Δu| / length and |Δe| / ``load_size`` are ≤ ``rtol``. A step is shortened
+    until the simplified correction shrinks.
+    """
+    n, length = scene.n_free, scene.scales.length
+    watch, ratio = Stagnation(rtol), np.inf
+    h = 1e-4 * load_size
+
+    def size(dz):
+        return max(largest(dz[:n]) / length, abs(dz[-1]) / load_size)
+
+    def norm(dz):
+        return float(np.hypot(np.linalg.norm(dz[:n]) / length / np.sqrt(n), dz[-1] / load_size))
+
+    def residual(z):
+        R = scene.residual(z[:-1], z[-1])
+        return None if R is None else np.append(R, constraint.value(z))
+
+    for k in range(1, max_iterations + 1):
+        x, e = z[:-1], float(z[-1])
+        system = scene.system(x, e)
+        ahead = None if system is None else scene.residual(x, e + h)
+        if ahead is None:
+            return Corrected(z, Outcome.INADMISSIBLE, k - 1, ratio, None)
+        ratio = largest(system.residual) / scene.scales.force
+        rate = (ahead - system.residual) / h
+        try:
+            solve = Bordered(system.factorise(), rate, constraint.row(z)).solve
+            dz = -solve(np.append(system.residual, constraint.value(z)))
+        except SingularMatrix:
+            dz = np.full_like(z, np.nan)
+        correction = size(dz)
+        if not np.isfinite(correction):
+            return Corrected(z, Outcome.SINGULAR, k, ratio, system)
+        share = scene.longest_step(x, dz[:-1], e)
+        if correction <= rtol and share >= 1.0:
+            return Corrected(z + dz, Outcome.CONVERGED, k, ratio, system)
+        if watch.stuck(correction):
+            return Corrected(z, Outcome.STAGNATED, k, ratio, system)
+        step = damped(residual, solve, z, dz, norm, share)
+        if isinstance(step, Outcome):
+            return Corrected(z, step, k, ratio, system)
+        z, _ = chords(residual, solve, step, size, rtol)
+    return Corrected(z, Outcome.NOT_CONVERGED, max_iterations, ratio, system)
+
+
+def tangent(
+    scene: Scene, x: np.ndarray, e: float, factor: Factor, along: np.ndarray, metric: Metric
+) -> np.ndarray | None:
+    """Unit d(x, e)/ds (size + 1,) on the side of ``along``; None if it can't be computed.
+
+    K dx + ∂R/∂e de = 0 with ⟨along, (dx, de)⟩ = 1; ∂R/∂e by central differences.
+    """
+    rate = scene.load_rate(x, e, 1e-3 * metric.b)
+    if rate is None:
+        return None
+    right = np.zeros(len(along))
+    right[-1] = 1.0
+    try:
+        t = Bordered(factor, rate, metric.row(along)).solve(right)
+    except SingularMatrix:
+        return None
+    return metric.unit(t) if np.isfinite(t).all() else None
+
+
+def extrapolate(nodes: list[tuple[float, np.ndarray, np.ndarray]], s: float) -> list[np.ndarray]:
+    """Polynomials through values and slopes (s_i, z_i, z_i'), newest first, evaluated at s.
+
+    Confluent Newton form. Entry k has order k + 1 and uses the newest k + 2 of the data: the
+    tangent, the parabola through the point before, Hermite's cubic, and so on.
+    """
+    at = [s_i for s_i, _, _ in nodes for _ in range(2)]
+    value = [z for _, z, _ in nodes for _ in range(2)]
+    slope = [d for _, _, d in nodes for _ in range(2)]
+    column, p, factor, out = value, value[0], 1.0, []
+    for j in range(1, len(at)):
+        column = [
+            slope[i] if at[i + j] == at[i] else (column[i + 1] - column[i]) / (at[i + j] - at[i])
+            for i in range(len(at) - j)
+        ]
+        factor *= s - at[j - 1]
+        p = p + factor * column[0]
+        out.append(p)
+    return out
+
+
+def between(
+    scene: Scene,
+    before: Point,
+    after: Point,
+    share: float,
+    *,
+    rtol: float,
+    max_iterations: int = 12,
+) -> tuple[Point, Factor] | None:
+    """The path's point between two neighbours, and the factor there; None if it is not found.
+
+    ``share`` in (0, 1): where, along the straight line from ``before`` to ``after``; the point lies
+    in the plane across that line.
+    """
+    start, end = before.z, after.z
+    line = end - start
+    metric = after.metric
+    h = metric.norm(line)
+    d0, d1 = (h * metric.unit(p.tangent) for p in (before, after))
+    t = share
+    guess = (
+        (2 * t**3 - 3 * t**2 + 1) * start + (t**3 - 2 * t**2 + t) * d0
+        + (3 * t**2 - 2 * t**3) * end + (t**3 - t**2) * d1
+    )  # fmt: skip
+    plane = Plane(start + share * line, metric.row(line) / h)
+    found = correct(scene, guess, plane, rtol=rtol, load_size=metric.b, max_iterations=12)
+    # Back on the path between the two, not on some other path that crosses the plane.
+    if not found.converged or metric.norm(found.z - guess) > 0.5 * h:
+        return None
+    x, e = found.z[:-1], float(found.z[-1])
+    factor = found.system.factorise()
+    way = tangent(scene, x, e, factor, line, metric)
+    if way is None:
+        return None
+    point = Point(
+        before.index, e, x, way, metric, found.system.unstable, found.system.energy,
+        found.iterations, e - before.e, found.residual, before.control, (), before.past(),
+    )  # fmt: skip
+    return point, factor

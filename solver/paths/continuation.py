@@ -1,0 +1,244 @@
+"""Equilibrium paths: R(x, e) = 0 followed in e, point by point.
+
+:func:`follow` yields accepted points, :func:`trace` collects them. What goes from one point to the
+next is a stepper (:mod:`solver.paths.steppers`). The path ends on its target: a target that two
+points bracket is approached between them, not overrun.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Generator
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.optimize import brentq
+
+from solver.equilibrium.newton import Outcome, newton
+from solver.equilibrium.scene import Scene
+from solver.paths.arc import between, tangent
+from solver.paths.point import Point
+from solver.paths.stability import Ended, Event, locate
+from solver.paths.stable import StablePath
+from solver.paths.steppers import ArcLength, LoadSteps, Noise, turned
+
+__all__ = [
+    "ArcLength", "Event", "Load", "LoadSteps", "Noise", "Outcome", "Path", "Point", "StablePath",
+    "follow", "load", "trace", "turned",
+]  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Load:
+    """Signed distance to a load."""
+
+    value: float
+
+    def __call__(self, point: Point) -> float:
+        """e − value."""
+        return point.e - self.value
+
+
+def load(value: float) -> Load:
+    """Target: the load ``value``, met exactly."""
+    return Load(float(value))
+
+
+@dataclass(frozen=True)
+class Path:
+    """Accepted points, why the path ended, and what was located on the way."""
+
+    points: tuple[Point, ...]
+    outcome: Outcome
+    events: tuple[Event, ...]
+
+    @property
+    def last(self) -> Point:
+        """The last accepted point; raises ValueError for a path without points."""
+        if not self.points:
+            raise ValueError(f"the path has no points: {self.outcome.value}")
+        return self.points[-1]
+
+    @property
+    def reached(self) -> bool:
+        """Whether the path ended on its target."""
+        return self.outcome is Outcome.REACHED
+
+    @property
+    def loads(self) -> np.ndarray:
+        """e of all points."""
+        return np.array([p.e for p in self.points])
+
+    @property
+    def iterations(self) -> int:
+        """Factorisations in all, those that located events left out."""
+        return sum(p.iterations for p in self.points)
+
+
+def follow(
+    scene: Scene,
+    start: np.ndarray | Point,
+    stepper: LoadSteps | ArcLength | StablePath,
+    *,
+    e: float = 0.0,
+    until: Load | Callable[[Point], float] = Load(1.0),
+    max_steps: int,
+    events: bool = True,
+    bounds: tuple[float, float] = (-np.inf, np.inf),
+) -> Generator[Point, None, Outcome]:
+    """Yield the accepted points of the path from ``start``; the generator returns its Outcome.
+
+    ``start``: a guess x (size,) for the equilibrium at the load ``e``, which is found and yielded
+    first, or a Point, from which the path goes on as if it had never stopped. ``until``:
+    :func:`load`, or any function of a point whose sign changes where the path shall end.
+    ``max_steps``: points after the start at most. ``events``: locate fold and branch points between
+    points where the number of unstable modes or the direction of the load changes. ``bounds``:
+    loads at which to give up.
+
+    Raises ValueError for a guess of the wrong shape, for max_steps < 1, for a body that can be
+    moved rigidly without resistance, and for a start at a load where a term has no meaning.
+    """
+    ended = yield from _walk(
+        scene, start, stepper, e=e, until=until, max_steps=max_steps, events=events, bounds=bounds
+    )
+    return ended.outcome
+
+
+def _walk(
+    scene, start, stepper, *, max_steps, e=0.0, until=Load(1.0), events=True,
+    bounds=(-np.inf, np.inf),
+) -> Generator[Point, None, Ended]:  # fmt: skip
+    """:func:`follow`, which tells what was located beyond the last point too."""
+    if max_steps < 1:
+        raise ValueError(f"max_steps = {max_steps}; expected at least 1")
+    target = until.value if isinstance(until, Load) else None
+    if isinstance(start, Point):
+        point = stepper.resume(start, target)
+    else:
+        if np.shape(start) == (scene.size,):
+            scene.refuse_free_motion(start, e)
+        sign = -1.0 if target is not None and target < e else 1.0
+        point = stepper.begin(scene, start, e, sign)
+        if isinstance(point, Outcome):
+            return Ended(point)
+        yield point
+    gap = until(point)
+    if gap == 0 and target is not None:
+        return Ended(Outcome.REACHED)
+    for _ in range(max_steps):
+        found = getattr(stepper, "attempt", stepper.advance)(scene, point, target)
+        if isinstance(found, Outcome):
+            return Ended(found)
+        if isinstance(found, Ended):
+            return found
+        located = found.events
+        if events and not located:
+            located = locate(scene, point, found, rtol=stepper.rtol)
+        end = _end(scene, point, found, located, until, gap, stepper.rtol)
+        if isinstance(end, Outcome):
+            # The target is bracketed but was not met: come nearer in smaller steps.
+            point = replace(point, control=tuple(c / np.sqrt(10) for c in point.control))
+            continue
+        if end is not None:
+            passed = tuple(ev for ev in located if _precedes(ev, point, end))
+            yield replace(end, events=passed)
+            return Ended(Outcome.REACHED)
+        if not bounds[0] <= found.e <= bounds[1]:
+            return Ended(Outcome.OUT_OF_BOUNDS)
+        point = replace(found, events=located)
+        gap = until(point)
+        yield point
+    return Ended(Outcome.MAX_STEPS)
+
+
+def trace(
+    scene: Scene,
+    start: np.ndarray | Point,
+    stepper: LoadSteps | ArcLength | StablePath,
+    **options,
+) -> Path:
+    """All points of :func:`follow`, with the same options, as a :class:`Path`.
+
+    A path that starts from a Point contains it as its first.
+    """
+    points = [start] if isinstance(start, Point) else []
+    walk = _walk(scene, start, stepper, **options)
+    while True:
+        try:
+            points.append(next(walk))
+        except StopIteration as stop:
+            own = points[1:] if isinstance(start, Point) else points
+            found = tuple(ev for p in own for ev in p.events)
+            return Path(tuple(points), stop.value.outcome, found + stop.value.events)
+
+
+def _end(scene, before, after, located, until, gap, rtol) -> Point | Outcome | None:
+    """Where ``until`` vanishes between two points; None: nowhere; an Outcome: it was not met."""
+    there = until(after)
+    if there == 0:
+        return after
+    if gap == 0:
+        return None
+    if gap * there > 0:
+        # Past the target and back again within one step: a fold beyond it tells.
+        beyond = [ev for ev in located if (ev.e - until.value) * gap < 0] if isinstance(
+            until, Load) else []  # fmt: skip
+        if not beyond:
+            return None
+        found = between(scene, before, after, beyond[0].share, rtol=rtol)
+        if found is None or until(found[0]) * gap > 0:
+            return None
+        middle = found[0]
+        after = replace(
+            middle, index=after.index, control=after.control,
+            iterations=after.iterations + middle.iterations,
+        )  # fmt: skip
+    return _land(scene, before, after, until, rtol)
+
+
+def _land(scene, before, after, until, rtol) -> Point | Outcome:
+    """The zero of ``until`` between two points that bracket it."""
+    last, spent = after, after.iterations
+
+    def value(share):
+        nonlocal last, spent
+        if share in (0.0, 1.0):
+            return until(before if share == 0 else after)
+        made = between(scene, before, after, share, rtol=rtol)
+        if made is None:
+            raise ArithmeticError
+        last = made[0]
+        spent += last.iterations
+        return until(last)
+
+    try:
+        # A load is met exactly by Newton afterwards.
+        near = 1e-3 if isinstance(until, Load) else 1e-12
+        value(brentq(value, 0.0, 1.0, xtol=near, rtol=1e-12))
+    except (ArithmeticError, RuntimeError):
+        return Outcome.NOT_CONVERGED
+    if isinstance(until, Load):
+        exact = newton(scene, last.x, until.value, rtol=rtol, max_iterations=20)
+        moved, chord = (
+            np.linalg.norm((x - y)[: scene.n_free])
+            for x, y in ((exact.x, last.x), (after.x, before.x))
+        )
+        if not exact.converged or moved > 0.1 * chord:
+            return Outcome.NOT_CONVERGED
+        system, spent = exact.system, spent + exact.iterations
+        way = tangent(scene, exact.x, until.value, system.factorise(), last.tangent, last.metric)
+        if way is None:
+            return Outcome.SINGULAR
+        last = replace(
+            last, e=until.value, x=exact.x, tangent=way, unstable=system.unstable,
+            energy=system.energy, residual=exact.residual,
+        )  # fmt: skip
+    return replace(
+        last, index=after.index, iterations=spent, step=last.e - before.e, control=after.control,
+        history=before.past(),
+    )  # fmt: skip
+
+
+def _precedes(event: Event, before: Point, end: Point) -> bool:
+    """Whether an event lies between ``before`` and ``end`` rather than after it."""
+    line, dot = end.z - before.z, end.metric.dot
+    return dot(np.append(event.x, event.e) - before.z, line) <= dot(line, line)

@@ -1,0 +1,1 @@
+"""Terms: materials, growth, loads, ground, pressure, supports. Knows no scene."""

@@ -1,0 +1,114 @@
+"""Terms: each effect's energy, force = dE/du and stiffness at (u, e).
+
+Elastic with growth (Π = ∫ Jg ψ(Fe) dV₀), gravity (Eq. 4.2) and dead traction. Pressure is in
+:mod:`solver.physics.pressure`, the ground in :mod:`solver.physics.ground`.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from solver.mesh.body import Body
+from solver.physics.growth import Growth
+from solver.physics.kernels import (
+    SMALL,
+    add_force,
+    add_stiffness_large,
+    add_stiffness_small,
+    deform,
+    total,
+)
+from solver.physics.materials import Material
+from solver.physics.term import Evaluation
+
+# Points whose tangents stay in cache between the material and the assembly.
+CHUNK = 1024
+
+
+class Elastic:
+    """∫ Jg ψ(Fe) dV₀ with Fe = F Fg⁻¹, Jg = det Fg, over all cells or a mask of them.
+
+    The growth enters through ĝ_a = Fg⁻ᵀ ∂N_a/∂X: with Fe = Fg⁻¹ + Σ u_a ⊗ ĝ_a and the volume Jg dV₀
+    force and stiffness keep the form they have without growth. Energy is inf, and force and
+    stiffness None, where the material does not admit the state.
+    """
+
+    symmetric = True
+
+    def __init__(
+        self,
+        body: Body,
+        material: Material,
+        growth: Growth | None = None,
+        *,
+        cells: np.ndarray | None = None,
+        name: str = "elastic",
+    ):
+        """Raises ValueError for a mask of the wrong shape, and what material and growth raise."""
+        m, q = body.weights.shape
+        if cells is not None:
+            cells = np.asarray(cells)
+            if cells.shape != (m,) or cells.dtype != bool:
+                raise ValueError(
+                    f"cells have shape {cells.shape} and type {cells.dtype}; expected a mask "
+                    f"({m},) of booleans: Body.cells_where gives one"
+                )
+            if not cells.any():
+                raise ValueError("no cell was chosen; leave the term out or check the mask")
+        self.name = name
+        self.body, self.material, self.growth = body, material, growth
+        self.graph = body.graph
+        self._ids = np.arange(m) if cells is None else np.flatnonzero(cells)
+        self._small = q * body.cells.shape[1] <= SMALL
+        self._memo = None
+        self._at(0.0)
+
+    @property
+    def ids(self) -> np.ndarray:
+        """Indices of the cells that the term covers."""
+        return self._ids
+
+    def _at(self, e: float):
+        """Properties, Fg⁻¹ and Jg at e. The memo holds one load and is invisible from outside."""
+        memo = self._memo
+        if memo is None or memo[0] != e:
+            shape, points = self.body.weights.shape, self.body.points
+            if memo is None or self.material.moving:
+                table = self.material.properties(e, shape, points)
+            else:
+                table = memo[1]
+            inverse, J = np.empty((0, 1, 3, 3)), np.empty((0, 1))
+            if self.growth is not None:
+                inverse, J = self.growth.evaluate(e, shape, points)
+            memo = self._memo = (e, table, inverse, J)
+        return memo[1:]
+
+    def evaluate(self, u: np.ndarray, e: float, order: int = 2) -> Evaluation:
+        """Energy, force (n, 3) and stiffness blocks on the body's graph; u (n, 3)."""
+        body = self.body
+        table, inverse, J = self._at(e)
+        u = np.ascontiguousarray(u, dtype=float)
+        q, k = body.gradients.shape[1:3]
+        step = max(1, CHUNK // q)
+        G, F = np.empty((step, q, 3, k)), np.empty((step, q, 3, 3))
+        psi, P = np.empty((step, q)), np.empty((step, q, 3, 3))
+        A = np.empty((step if order >= 2 else 1, q, 3, 3, 3, 3))
+        force = np.zeros_like(body.nodes) if order >= 1 else None
+        blocks = np.zeros((self.graph.blocks, 3, 3)) if order >= 2 else None
+        add_stiffness = add_stiffness_small if self._small else add_stiffness_large
+        energy = 0.0
+        for start in range(0, len(self._ids), step):
+            ids = self._ids[start : start + step]
+            part = table if len(table) == 1 else table[ids]
+            c = len(ids)
+            deform(ids, body.cells, body.gradients, u, inverse, G, F)
+            if not self.material.kernel(F[:c], part, order, psi, P, A):
+                return Evaluation(np.inf)
+            energy += total(ids, body.weights, J, psi)
+            if order >= 1:
+                add_force(ids, body.cells, body.weights, J, G, P, force)
+            if order >= 2:
+                add_stiffness(ids, body.positions, body.weights, J, G, A, blocks)
+        if not np.isfinite(energy):
+            return Evaluation(np.inf)
+        return Evaluation(energy, force, blocks)

@@ -1,0 +1,40 @@
+"""The contract of an effect: energy, force = dE/du and stiffness at (u, e)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+
+from solver.mesh.body import NodeGraph
+
+
+@dataclass(frozen=True)
+class Evaluation:
+    """What a term contributes at (u, e); force = dE/du with that one sign.
+
+    ``energy``: None where no potential exists; ``inf`` where the state is not admissible (an
+    inverted element, a node beyond a barrier). ``force``: (nodes, 3). ``stiffness``: blocks
+    d force_a / d u_b on the term's graph, (blocks, 3, 3); None for a term without stiffness.
+    """
+
+    energy: float | None
+    force: np.ndarray | None = None
+    stiffness: np.ndarray | None = None
+
+
+class Term(Protocol):
+    """One effect. Pure: no state, no mutation; history enters by constructor.
+
+    ``graph``: where its stiffness blocks stand (None: it has none). ``symmetric``: whether its
+    stiffness is. ``evaluate(u, e, order)``: order 0 asks for the energy, 1 for energy and force, 2
+    for the stiffness too. A barrier may also have ``longest_step(u, du) -> float``, the share of du
+    that stays admissible.
+    """
+
+    name: str
+    graph: NodeGraph | None
+    symmetric: bool
+
+    def evaluate(self, u: np.ndarray, e: float, order: int = 2) -> Evaluation: ...

@@ -1,0 +1,1 @@
+"""Internal variables and evolution in time."""

@@ -1,0 +1,164 @@
+"""Labels from the solver: what they say, what they keep, and how they end."""
+
+import json
+import pickle
+
+import numpy as np
+import pytest
+
+from foldlab.design import REDUCED
+from foldlab.errors import InputError
+from foldlab.labels import foldability
+from foldlab.labels.label import LabelSource, storable
+from foldlab.labels.solver import SolverSource
+from foldlab.labels.verdict import CURVE_POINTS
+
+LIGHT = {
+    "E_ratio": 0.1, "rho_ratio": 1.0, "hinge_length": 0.25, "hinge_width": 1.0, "h_ratio": 5.0,
+    "stiffness_to_weight": 1.0, "aspect": 0.2, "slenderness": 4e-3, "contraction": 0.2,
+}  # fmt: skip
+HEAVY = LIGHT | {"stiffness_to_weight": 0.01, "hinge_length": 0.1, "contraction": 0.1}
+SOFT = LIGHT | {
+    "E_ratio": 1e-3, "rho_ratio": 10.0, "h_ratio": 10.0, "stiffness_to_weight": 0.0123,
+    "slenderness": 0.0256, "aspect": 0.3,
+}  # fmt: skip
+
+
+def labelled(design, **settings):
+    label = SolverSource(**settings).label(design)
+    kept = storable(label)
+    assert kept.foldable == label.foldable  # nothing in the evidence that a store refuses
+    json.dumps(dict(kept.evidence), allow_nan=False)
+    assert (label.source, label.version) == ("solver", SolverSource(**settings).version)
+    return label
+
+
+def test_a_light_unit_folds():
+    label = labelled(LIGHT)
+    seen = label.evidence
+    assert label.foldable is True and seen["outcome"] == "folds"
+    assert f"{seen['m1']:.3g} rad" in label.reason and "0.628 rad" in label.reason
+    assert seen["stable"] and seen["unstable_modes"] == 0
+    assert seen["contraction_reached"] == pytest.approx(0.2)
+    assert all(seen[tag] for tag in foldability.TAGS)
+    assert 0 <= seen["error_estimate"] <= 0.02 and seen["levels"] >= 2
+    # in h_s, what a ground scaled to the design allows
+    assert seen["rest_gap"] <= 0.25 and seen["penetration"] <= 0.1
+    kinds = [event["kind"] for event in seen["events"]]
+    assert kinds == ["lift-off", "toppling"] and seen["topples"]
+    places = [event["contraction"] for event in seen["events"]]
+    assert 0 < places[0] <= places[1] < 0.2
+    # What is kept of the curves still tells the angle, in chords of the panels.
+    curves = np.array(seen["curves"])
+    assert curves.shape == (4, len(CURVE_POINTS), 3)
+    assert foldability.measure(curves, 0.25).m1 == pytest.approx(seen["m1"], abs=0.1)
+    contractions = [entry[0] for entry in seen["history"]]
+    assert contractions[0] == 0 and np.all(np.diff(contractions) > 0)
+    assert 0 < seen["core_seconds"] <= seen["seconds"] * 1.5
+
+
+def test_the_error_covers_what_the_next_mesh_changes():
+    source = SolverSource(accuracy=0.1, effects="none")
+    label = source.label(LIGHT)
+    assert label.evidence["levels"] == 2
+    finer = source.run(LIGHT, 2).measures["m1"]
+    off = abs(label.evidence["m1"] - finer) / finer
+    assert off < label.evidence["error_estimate"] < 0.1
+
+
+def test_a_heavy_unit_stays_on_the_ground():
+    label = labelled(HEAVY)
+    assert label.foldable is False and label.evidence["outcome"] == "grounded"
+    assert label.reason.startswith("panels never left the ground")
+    assert label.evidence["events"] == []
+    assert not label.evidence["F1"] and label.evidence["stable"]
+
+
+def test_a_soft_heavy_hinge_is_crushed():
+    label = labelled(SOFT)
+    assert label.foldable is False and label.evidence["outcome"] == "crushed"
+    # Its weight per area, ρ_i g h_i with ρ_s g = (h_s/l_s)²/Γ, over E_i
+    times = 0.0256**2 / 0.0123 * 10 * 10 * 0.0256 / 1e-3
+    assert f"{times:.2g} times" in label.reason
+
+
+def test_without_weight_there_is_no_ground_to_speak_of():
+    label = labelled(LIGHT, effects="none")
+    assert label.foldable is True
+    assert not {"rest_gap", "penetration"} & set(label.evidence)
+    assert label.evidence["events"] == [] and not label.evidence["topples"]
+
+
+def test_time_that_runs_out_is_an_unknown_with_what_was_seen():
+    # The first label of a process waits for the solver to be imported too.
+    _, label = (labelled(LIGHT, timeout=0.25) for _ in range(2))
+    assert label.evidence["seconds"] < 2
+    assert label.foldable is None and label.evidence["outcome"] == "timeout"
+    assert label.reason == "unknown: the time allowed was used up"
+    assert not label.evidence["stable"]
+    assert label.evidence.get("contraction_reached", 0.0) < 0.2
+
+
+def test_a_fold_that_turns_fully_ends_there():
+    label = labelled(LIGHT | {"contraction": 0.4, "hinge_length": 0.3}, effects="none")
+    assert label.foldable is True
+    assert label.evidence["m1"] >= 2 * np.pi
+    assert label.evidence["contraction_reached"] < 0.4
+    assert "through a full turn" in label.reason
+    reached = label.evidence["contraction_reached"]
+    assert f"{100 * reached:.3g} % contraction" in label.reason
+
+
+def test_a_fold_can_exist_where_the_hinge_contracts_in_all_directions():
+    # Little contraction of a narrow hinge: the fold survives the release, and fewer mesh.
+    design = LIGHT | {"contraction": 0.05, "aspect": 0.05, "slenderness": 0.01}
+    source = SolverSource(growth="isotropic", question="exists", effects="none", accuracy=0.1)
+    run = source.run(design, 0)
+    assert run.settled and run.history[-1]["unstable"] == 0
+    contractions = [row["contraction"] for row in run.history]
+    assert contractions[0] == 0 and contractions[-1] == 0.05
+    # First it folds as under uniaxial contraction, then it is released at the full contraction.
+    first = SolverSource(effects="none").run(design, 0)
+    released = contractions.index(0.05)
+    assert run.history[released]["m1"] == pytest.approx(first.measures["m1"], rel=0.02)
+    assert contractions.count(0.05) > 2
+    assert run.measures["m2"] > 2 * run.history[released]["m2"]
+
+
+def test_a_source_travels_to_other_processes():
+    source = SolverSource(accuracy=0.05, growth="isotropic", timeout=9)
+    assert isinstance(source, LabelSource)
+    there = pickle.loads(pickle.dumps(source))
+    assert vars(there) == vars(source)
+
+
+def test_versions_tell_settings_apart():
+    options = [
+        {}, {"accuracy": 0.05}, {"effects": "none"}, {"growth": "isotropic"}, {"upright": False},
+        {"growth": "isotropic", "question": "exists"}, {"seed": 1}, {"seed": 2},
+    ]  # fmt: skip
+    assert len({SolverSource(**o).version for o in options}) == len(options)
+
+
+@pytest.mark.parametrize(
+    "settings, says",
+    [
+        ({"growth": "sideways"}, "uniaxial"),
+        ({"question": "why"}, "from_flat"),
+        ({"question": "exists"}, "isotropic"),
+        ({"effects": "gravity"}, "together"),
+        ({"accuracy": 0.0}, "accuracy"),
+        ({"accuracy": np.nan}, "accuracy"),
+        ({"timeout": -1.0}, "timeout"),
+        ({"space": REDUCED}, "full"),
+    ],
+)
+def test_settings_that_make_no_sense_are_refused(settings, says):
+    with pytest.raises(InputError, match=says):
+        SolverSource(**settings)
+
+
+def test_a_design_that_is_no_unit_is_refused():
+    for change in ({"slenderness": -1.0}, {"hinge_length": 2.0}, {"contraction": np.inf}):
+        with pytest.raises(InputError):
+            SolverSource().label(LIGHT | change)

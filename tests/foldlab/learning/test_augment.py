@@ -1,0 +1,151 @@
+"""Algorithm 5: where the labels go, equal budgets, and what "labels saved" means."""
+
+import numpy as np
+import pandas as pd
+import pytest
+from sklearn.linear_model import LogisticRegression
+
+from foldlab.design import REDUCED
+from foldlab.errors import InputError
+from foldlab.labels.label import Label
+from foldlab.labels.timoshenko import TimoshenkoSource
+from foldlab.learning.augment import Plan, augment, labels_to_reach
+
+PLAN = Plan(initial=60, per_cycle=20, cycles=4, epochs=3, candidates=2000)
+
+
+class Recorder:
+    """A classifier with ``continue_fit``: logistic regression on logs that notes its budget."""
+
+    def __init__(self, seed, epochs):
+        self.seed, self.epochs, self.calls = seed, epochs, []
+
+    def fit(self, X, y):
+        return self.continue_fit(X, y, epochs=self.epochs)
+
+    def continue_fit(self, X, y, *, epochs):
+        self.calls.append((len(X), epochs))
+        self._model = LogisticRegression(C=100.0).fit(np.log(X), y)
+        self.classes_ = self._model.classes_
+        return self
+
+    def predict(self, X):
+        return self._model.predict(np.log(X))
+
+    def predict_proba(self, X):
+        return self._model.predict_proba(np.log(X))
+
+
+def run(strategy, plan=PLAN, source=None, seed=0):
+    designs = REDUCED.sample(500, seed=99)
+    truth = TimoshenkoSource().evaluate(designs)["foldable"].to_numpy()
+    return augment(
+        REDUCED,
+        source or TimoshenkoSource(),
+        Recorder,
+        strategy=strategy,
+        plan=plan,
+        seed=seed,
+        test=(designs, truth),
+    )
+
+
+def test_both_strategies_spend_the_same_labels_and_epochs():
+    boundary, random = run("boundary"), run("random")
+    assert boundary.model.calls == random.model.calls == [(60, 3), (80, 3), (100, 3), (120, 3)]
+    assert list(boundary.curve["labels"]) == list(random.curve["labels"]) == [60, 80, 100, 120]
+    pd.testing.assert_frame_equal(
+        boundary.labels.iloc[:60].drop(columns="seconds"),
+        random.labels.iloc[:60].drop(columns="seconds"),
+    )
+
+
+def test_added_designs_lie_in_the_band_of_the_network_that_chose_them():
+    result = run("boundary", Plan(initial=60, per_cycle=20, cycles=2, epochs=1, candidates=2000))
+    first = Recorder(0, 1).fit(
+        result.labels.iloc[:60][REDUCED.names],
+        result.labels.iloc[:60]["foldable"].to_numpy(bool),
+    )
+    p = first.predict_proba(result.labels.iloc[60:][REDUCED.names])[:, 1]
+    assert ((p >= 0.4) & (p <= 0.6)).all()
+    assert result.curve["in_band"].iloc[1] == 1.0
+    random = run("random", Plan(initial=60, per_cycle=20, cycles=2, epochs=1, candidates=2000))
+    q = first.predict_proba(random.labels.iloc[60:][REDUCED.names])[:, 1]
+    assert ((q < 0.4) | (q > 0.6)).any()
+
+
+def test_a_thin_band_is_filled_with_the_nearest_designs_and_says_so():
+    plan = Plan(initial=60, per_cycle=20, cycles=2, epochs=1, band=(0.4999, 0.5001), candidates=500)
+    curve = run("boundary", plan).curve
+    assert curve["labels"].iloc[1] == 80
+    assert curve["in_band"].iloc[1] < 1
+
+
+def test_seed_reproduces_and_changes():
+    a, b, c = run("boundary"), run("boundary"), run("boundary", seed=1)
+    groups = REDUCED.names
+    pd.testing.assert_frame_equal(a.labels[groups], b.labels[groups])
+    assert not a.labels[groups].equals(c.labels[groups])
+
+
+class Forgetful(TimoshenkoSource):
+    """Every fifth label is unknown."""
+
+    def label_many(self, designs):
+        labels = super().label_many(designs)
+        return [
+            Label(x.design, None, "lost", {}, self.name, self.version) if k % 5 == 0 else x
+            for k, x in enumerate(labels)
+        ]
+
+
+def test_unknown_labels_are_counted_and_not_trained_on():
+    result = run("boundary", source=Forgetful())
+    assert list(result.curve["unknown"]) == [12, 16, 20, 24]
+    assert [n for n, _ in result.model.calls] == [48, 64, 80, 96]
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"cycles": 0}, "cycles = 0"),
+        ({"band": (0.6, 0.7)}, "around 0.5"),
+        ({"per_cycle": 30_000}, "exceeds candidates"),
+    ],
+)
+def test_plans_are_checked(changes, message):
+    with pytest.raises(InputError, match=message):
+        Plan(**changes)
+
+
+def test_one_class_and_unknown_strategy():
+    with pytest.raises(InputError, match="no strategy 'middle'"):
+        run("middle")
+    with pytest.raises(InputError, match="all True"):
+        augment(
+            REDUCED.with_bounds(slenderness=(1e-3, 1.1e-3), E_ratio=(0.1, 1)),
+            TimoshenkoSource(),
+            Recorder,
+            plan=PLAN,
+            seed=0,
+            test=(REDUCED.sample(2, seed=0), np.array([True, False])),
+        )
+
+
+def test_labels_to_reach_interpolates_the_median():
+    curve = pd.DataFrame(
+        {"labels": [100, 100, 100, 200, 200, 200], "accuracy": [0.9, 0.9, 0.1, 0.98, 1.0, 0.98]}
+    )
+    assert labels_to_reach(curve, 0.94) == pytest.approx(150)
+    assert labels_to_reach(curve, 0.9) == 100
+    assert labels_to_reach(curve, 0.99) == np.inf
+
+
+def test_a_full_band_is_sampled_not_searched_for_its_middle():
+    plan = Plan(initial=60, per_cycle=20, cycles=2, epochs=1, candidates=5000)
+    result = run("boundary", plan)
+    known = result.labels.iloc[:60]
+    first = Recorder(0, 1).fit(known[REDUCED.names], known["foldable"].to_numpy(bool))
+    p = first.predict_proba(result.labels.iloc[60:][REDUCED.names])[:, 1]
+    # The nearest to 0.5 of 5000 candidates would all lie within 0.02 of it.
+    assert np.abs(p - 0.5).max() > 0.05

@@ -1,0 +1,83 @@
+"""The datasets that come with foldlab: what they hold, and that they hold together."""
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from foldlab.datasets import FOLDER, datasets, load_dataset
+from foldlab.design import FULL
+from foldlab.errors import InputError
+from foldlab.labels.foldability import Thresholds
+from foldlab.learning.train import fit, train_on
+
+
+@pytest.fixture(scope="module")
+def gravity():
+    return load_dataset("gravity-5k")
+
+
+def test_it_says_how_it_was_made_and_is_small(gravity):
+    made = gravity.attrs["foldlab"]
+    assert made["labels"] == len(gravity) > 1000
+    assert made["core_seconds"] == pytest.approx(gravity["core_seconds"].sum(), rel=1e-3)
+    assert {"command", "commit", "machine", "versions"} <= set(made)
+    assert (FOLDER / "gravity-5k.parquet").stat().st_size < 5e6
+
+
+def test_designs_are_sheets_of_the_full_space_and_stand_once(gravity):
+    FULL.validate(gravity)
+    assert gravity["slenderness"].between(1e-3, 3e-2).all()
+    assert not gravity.duplicated([*FULL.names, "growth"]).any()
+    assert set(gravity["growth"]) == {"uniaxial", "isotropic"}
+
+
+def test_tags_follow_from_the_measures_and_verdicts_from_the_tags(gravity):
+    seen = gravity[gravity["m1"].notna()]
+    thresholds = Thresholds()
+    tags = [thresholds.tags(row, row["contraction"]) for row in seen.to_dict("records")]
+    # Measures were rounded to single precision, so a tag may differ on the threshold itself.
+    for name in ("F1", "F2", "F3", "F4"):
+        assert np.mean(seen[name].astype(bool) == [t[name] for t in tags]) > 0.999
+    known = seen[seen["foldable"].notna()]
+    whole = known[["F1", "F2", "F3", "F4"]].astype(bool).all(axis=1)
+    assert (known["foldable"].astype(bool) == whole)[known["outcome"] != "crushed"].all()
+
+
+def test_every_label_has_a_reason_and_every_known_one_an_error(gravity):
+    assert (gravity["reason"].str.len() > 10).all()
+    known = gravity["foldable"].notna() & (gravity["outcome"] != "crushed")
+    error = gravity.loc[known, "error_estimate"]
+    assert error.notna().all() and (error >= 0).all()
+    assert gravity.loc[~gravity["foldable"].notna(), "reason"].str.contains("unknown|Exc").all()
+
+
+def test_more_weight_folds_less(gravity):
+    light = gravity["stiffness_to_weight"] > 1
+    share = gravity["foldable"].astype("Float64").groupby(light).mean()
+    assert share[True] > share[False] + 0.2
+
+
+def test_a_model_trains_on_it_and_unknown_labels_are_counted(gravity):
+    part = gravity[gravity["growth"] == "uniaxial"].head(400)
+    _, card = train_on(part, "tree", seed=0)
+    assert card["unknown"] == part["foldable"].isna().sum()
+    assert card["holdout_accuracy"] > max(0.7, part["foldable"].mean())
+
+
+def test_a_formula_learns_from_it_though_crushed_and_sagging_units_have_no_positive_angle(gravity):
+    crushed = gravity[gravity["outcome"] == "crushed"]
+    part = pd.concat([crushed, gravity[gravity["growth"] == "uniaxial"].head(300)])
+    assert part["normalised_angle"].isna().any() and (part["normalised_angle"] < 0).any()
+    part["threshold"] = np.pi
+    model = fit("symbolic", FULL, part, seed=0, seconds=2.0)
+    assert model.threshold == np.pi
+    known = part[part["foldable"].notna()]
+    right = model.predict(known[FULL.names]) == known["foldable"].astype(bool)
+    assert right.mean() > known["foldable"].astype(bool).mean()
+
+
+def test_an_unknown_name_is_told_what_there_is():
+    assert "gravity-5k" in datasets()
+    with pytest.raises(InputError, match="no dataset 'gravity'; there are: gravity-5k"):
+        load_dataset("gravity")
+    assert isinstance(load_dataset("gravity-5k"), pd.DataFrame)

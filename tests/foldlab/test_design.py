@@ -1,0 +1,179 @@
+"""The design space: sampling, validation, groups ↔ SI."""
+
+import numpy as np
+import pandas as pd
+import pytest
+from scipy.stats import kstest
+
+from foldlab.design import (
+    FULL,
+    PHYSICAL,
+    REDUCED,
+    Parameter,
+    space_named,
+    space_of,
+    to_groups,
+    to_physical,
+)
+from foldlab.errors import InputError
+
+
+def test_bounds_are_those_of_the_dissertation():
+    assert [(p.name, p.low, p.high) for p in REDUCED] == [
+        ("E_ratio", 1e-3, 1e3),
+        ("h_ratio", 0.1, 10),
+        ("slenderness", 1e-3, 1e-1),
+    ]
+    assert len(FULL) == 9
+    assert FULL["hinge_length"].scale == "linear"
+    assert (FULL["contraction"].low, FULL["contraction"].high) == (0.02, 0.4)
+
+
+@pytest.mark.parametrize("space", [REDUCED, FULL], ids=lambda s: s.name)
+def test_latin_hypercube_has_one_design_in_each_stratum(space):
+    n = 200
+    unit = space.to_unit(space.sample(n, seed=5))
+    for column in unit.T:
+        assert sorted(np.floor(column * n).clip(0, n - 1)) == list(range(n))
+
+
+def test_log_parameters_are_uniform_in_the_logarithm():
+    designs = REDUCED.sample(2000, seed=0)
+    logs = np.log10(designs["E_ratio"])
+    assert kstest((logs + 3) / 6, "uniform").pvalue > 0.5
+    assert kstest(designs["E_ratio"] / 1e3, "uniform").pvalue < 1e-6
+
+
+def test_seed_decides_the_sample():
+    pd.testing.assert_frame_equal(REDUCED.sample(50, seed=3), REDUCED.sample(50, seed=3))
+    assert not REDUCED.sample(50, seed=3).equals(REDUCED.sample(50, seed=4))
+
+
+def test_optimised_sample_fills_the_space_better():
+    from scipy.stats import qmc
+
+    plain = REDUCED.to_unit(REDUCED.sample(60, seed=1))
+    better = REDUCED.to_unit(REDUCED.sample(60, seed=1, optimization="random-cd"))
+    assert qmc.discrepancy(better) < qmc.discrepancy(plain)
+
+
+def test_unit_cube_round_trip():
+    designs = FULL.sample(100, seed=2)
+    again = FULL.from_unit(FULL.to_unit(designs))
+    np.testing.assert_allclose(again, designs, rtol=1e-12)
+
+
+def test_with_bounds_narrows_one_group_only():
+    space = REDUCED.with_bounds(slenderness=(1e-3, 3e-2))
+    assert space["slenderness"].high == 3e-2
+    assert space["E_ratio"] == REDUCED["E_ratio"]
+    with pytest.raises(InputError, match="no group 'thickness'"):
+        REDUCED.with_bounds(thickness=(1, 2))
+
+
+def test_groups_to_si_by_hand():
+    design = pd.DataFrame(
+        {
+            "E_ratio": [0.1],
+            "rho_ratio": [2.0],
+            "hinge_length": [0.25],
+            "hinge_width": [0.5],
+            "h_ratio": [5.0],
+            "stiffness_to_weight": [4.0],
+            "aspect": [0.2],
+            "slenderness": [4e-3],
+            "contraction": [0.3],
+        }
+    )
+    si = to_physical(design, E_s=2e9, l_s=0.05, g_earth=10.0).iloc[0]
+    assert si["h_s"] == pytest.approx(2e-4)
+    assert si["h_i"] == pytest.approx(1e-3)
+    assert si["b_i"] == pytest.approx(0.005)
+    assert si["E_i"] == pytest.approx(2e8)
+    # Γ = E h² / (rho g l³)
+    assert si["rho_s"] == pytest.approx(2e9 * 4e-8 / (4.0 * 10 * 0.05**3))
+    assert si["rho_i"] == pytest.approx(2 * si["rho_s"])
+
+
+@pytest.mark.parametrize("absent", ["E_s", "rho_s", "l_s", "g_earth"])
+def test_conversion_loses_nothing_whichever_scale_follows(absent):
+    designs = FULL.sample(300, seed=7)
+    scales = {"E_s": 3e6, "rho_s": 1100.0, "l_s": 0.08, "g_earth": 9.80665}
+    del scales[absent]
+    si = to_physical(designs, **scales)
+    assert list(si.columns) == [name for name in PHYSICAL if name in si]
+    np.testing.assert_allclose(to_groups(si)[FULL.names], designs, rtol=1e-13)
+    np.testing.assert_allclose(to_physical(to_groups(si), **scales), si, rtol=1e-12)
+
+
+def test_reduced_designs_convert_without_a_weight():
+    designs = REDUCED.sample(20, seed=1)
+    si = to_physical(designs, E_s=1e6, l_s=0.1)
+    assert "rho_s" not in si
+    np.testing.assert_allclose(to_groups(si)[REDUCED.names], designs, rtol=1e-13)
+
+
+@pytest.mark.parametrize(
+    ("scales", "message"),
+    [
+        ({"E_s": 1e6, "l_s": 0.1}, "exactly three"),
+        ({"E_s": 1e6, "l_s": 0.1, "g_earth": 9.8, "rho_s": 1e3}, "exactly three"),
+        ({"E_s": -1e6, "l_s": 0.1, "g_earth": 9.8}, "E_s = -1e"),
+        ({"E_s": 1e6, "l_s": 0.1, "gravity": 9.8}, "no scale gravity"),
+    ],
+)
+def test_scales_are_checked(scales, message):
+    with pytest.raises(InputError, match=message):
+        to_physical(FULL.sample(2, seed=0), **scales)
+
+
+def test_to_groups_names_what_it_does_not_know():
+    with pytest.raises(InputError, match="no physical quantity thickness"):
+        to_groups(pd.DataFrame({"thickness": [1.0]}))
+    with pytest.raises(InputError, match="no group follows"):
+        to_groups(pd.DataFrame({"E_s": [1.0]}))
+
+
+def _reduced(**changes):
+    design = {"E_ratio": 1.0, "h_ratio": 1.0, "slenderness": 1e-2}
+    return pd.DataFrame([design | changes])
+
+
+@pytest.mark.parametrize(
+    ("frame", "message"),
+    [
+        (_reduced().iloc[:0], "empty"),
+        (_reduced().drop(columns="h_ratio"), "lacks h_ratio"),
+        (_reduced(h_ratio="thick"), "not numeric"),
+        (_reduced(h_ratio=np.nan), "h_ratio is nan in row 0"),
+        (_reduced(E_ratio=np.inf), "E_ratio is inf"),
+        (_reduced(E_ratio=-1.0), "must be above 0"),
+        (_reduced(slenderness=0.2), "outside 0.001 … 0.1"),
+    ],
+)
+def test_bad_tables_get_one_clear_error(frame, message):
+    with pytest.raises(InputError, match=message):
+        REDUCED.validate(frame)
+
+
+def test_validate_keeps_order_and_drops_other_columns():
+    frame = _reduced(note="x")[["note", "slenderness", "h_ratio", "E_ratio"]]
+    assert list(REDUCED.validate(frame).columns) == REDUCED.names
+
+
+def test_spaces_are_found_by_name_and_by_columns():
+    assert space_named("full") is FULL
+    assert space_of(FULL.sample(1, seed=0)) is FULL
+    assert space_of(REDUCED.sample(1, seed=0)) is REDUCED
+    with pytest.raises(InputError, match="no design space 'half'"):
+        space_named("half")
+    with pytest.raises(InputError, match="expected at least"):
+        space_of(pd.DataFrame({"a": [1]}))
+
+
+@pytest.mark.parametrize(
+    ("low", "high", "scale"), [(2, 1, "log"), (0, 1, "log"), (0, np.inf, "linear"), (0, 1, "ln")]
+)
+def test_parameters_check_themselves(low, high, scale):
+    with pytest.raises(InputError):
+        Parameter("x", "x", low, high, scale, "")

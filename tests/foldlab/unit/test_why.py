@@ -1,0 +1,212 @@
+"""What a label will cost, what each effect contributed, and the advice that follows."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from foldlab.datasets import load_dataset
+from foldlab.design import FULL
+from foldlab.labels import forecast
+from foldlab.labels.label import Label
+from foldlab.labels.solver import SolverSource
+from foldlab.labels.timoshenko import weight_turning
+from foldlab.labels.verdict import FLOOR
+from foldlab.unit import why
+from solver.cases.unit.model import build
+from solver.cases.unit.path import fold
+from solver.cases.unit.unit import Unit
+from solver.physics.elastic import Elastic
+from solver.physics.loads import Gravity
+
+DESIGN = {
+    "E_ratio": 0.1, "rho_ratio": 1.0, "hinge_length": 0.2, "hinge_width": 1.0, "h_ratio": 5.0,
+    "stiffness_to_weight": 1.0, "aspect": 0.2, "slenderness": 4e-3, "contraction": 0.3,
+}  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def heavy():
+    source, clock = SolverSource(accuracy=0.05), {}
+    run, label = source.follow(DESIGN, clock)
+    return source, run, label, clock
+
+
+# -- the forecast --------------------------------------------------------------------------------
+
+
+def test_the_forecast_is_the_median_of_like_labels(monkeypatch):
+    monkeypatch.setattr(forecast, "pace", lambda: 1.0)
+    source = SolverSource()
+    table = load_dataset("gravity-5k")
+    known = (table["growth"] == "uniaxial") & table["core_seconds"].notna()
+    table = table[known & (table["outcome"] != "timeout")].sample(80, random_state=1)
+    ratio = [
+        forecast.forecast({k: float(row[k]) for k in FULL.names}, source).seconds
+        / row["core_seconds"]
+        for _, row in table.iterrows()
+    ]
+    # Each is one of its own neighbours; of sixteen that says little.
+    assert np.mean(np.abs(np.log(ratio)) < np.log(2)) > 0.85
+    # A quarter of all labels takes less than half of another quarter: it is no constant.
+    quarters = table["core_seconds"].quantile([0.1, 0.9])
+    assert quarters.iloc[1] / quarters.iloc[0] > 2.5
+
+
+def test_the_forecast_follows_accuracy_and_machine(monkeypatch):
+    monkeypatch.setattr(forecast, "pace", lambda: 1.0)
+    base = forecast.forecast(DESIGN, SolverSource())
+    fine = forecast.forecast(DESIGN, SolverSource(accuracy=0.005))
+    assert fine.seconds > 1.5 * base.seconds and fine.memory_mb > base.memory_mb + 50
+    monkeypatch.setattr(forecast, "pace", lambda: 2.0)
+    slow = forecast.forecast(DESIGN, SolverSource())
+    assert slow.seconds == pytest.approx(2 * base.seconds) and slow.memory_mb == base.memory_mb
+    assert "for an error of the angle below 2 %" in slow.sentence(0.02)
+
+
+def test_no_forecast_where_no_like_labels_are():
+    assert forecast.forecast(DESIGN, SolverSource(strips=3)) is None
+    assert forecast.forecast(DESIGN, SolverSource(seed=1)) is None
+    released = SolverSource(growth="isotropic", question="exists")
+    assert forecast.forecast(DESIGN, released) is None
+
+
+# -- accuracy ------------------------------------------------------------------------------------
+
+
+def test_a_finer_accuracy_takes_finer_meshes():
+    found = {a: SolverSource(accuracy=a, effects="none").label(DESIGN) for a in (0.05, 0.005)}
+    coarse, fine = found[0.05].evidence, found[0.005].evidence
+    assert fine["levels"] > coarse["levels"] and fine["unknowns"] > 2 * coarse["unknowns"]
+    assert FLOOR[3] <= fine["error_estimate"] < min(0.005, coarse["error_estimate"])
+    # Problem P: two independent codes agree on 3.772 within 0.1 %.
+    assert abs(fine["m1"] / 3.772 - 1) < fine["error_estimate"] + 1e-3
+    assert abs(coarse["m1"] / 3.772 - 1) < coarse["error_estimate"]
+
+
+def test_meshes_that_agree_by_chance_make_no_small_error_and_no_fine_label():
+    # The path's mesh and the next differ by 0.0004 here.
+    groups = {
+        "E_ratio": 0.009076, "rho_ratio": 0.1082, "hinge_length": 0.3228, "hinge_width": 0.9549,
+        "h_ratio": 0.6798, "stiffness_to_weight": 0.2411, "aspect": 0.8363, "slenderness": 0.02049,
+        "contraction": 0.1616,
+    }  # fmt: skip
+    coarse = SolverSource(accuracy=0.02).label(groups).evidence
+    assert coarse["levels"] == 2 and coarse["error_estimate"] == FLOOR[1]
+    fine = SolverSource(accuracy=0.005).label(groups).evidence
+    assert fine["levels"] > 2 and fine["error_estimate"] >= FLOOR[3]
+    assert fine["unknowns"] > 2 * coarse["unknowns"]
+
+
+# -- contributions -------------------------------------------------------------------------------
+
+
+def test_shares_of_effects(heavy):
+    _, run, label, clock = heavy
+    rows = why.contributions(run, clock, label.evidence["seconds"])
+    by = {row["effect"]: row for row in rows}
+    assert list(by) == ["elastic", "gravity", "ground", "solving"]
+    for kind in ("energy", "force", "time"):
+        assert sum(row[kind] or 0 for row in rows) == pytest.approx(1)
+    # The ground carries the weight, and little else acts on it.
+    assert by["ground"]["force"] == pytest.approx(by["gravity"]["force"], rel=1e-3)
+    # ρ g h of the lifted panels against the hinge's ½ E κ² I: both by hand.
+    assert 1e-4 < by["gravity"]["energy"] < 0.02 < by["elastic"]["energy"]
+    assert by["elastic"]["evaluations"] > 50 and by["solving"]["time"] > 0.2
+
+
+def test_the_watch_counts_and_is_absent_unless_asked_for(monkeypatch):
+    calls = []
+    evaluate = Elastic.evaluate
+    monkeypatch.setattr(Elastic, "evaluate", lambda *a: calls.append(1) or evaluate(*a))
+    unit = Unit(**DESIGN)
+    clock = {}
+    model = build(unit, 0, effects=(), clock=clock)
+    fold(model)
+    assert clock["elastic"][0] == len(calls) and clock["elastic"][1] > 0
+    assert list(clock) == ["elastic"]
+    plain = build(unit, 0)
+    assert [type(t) for t in plain.terms[:2]] == [Elastic, Gravity]
+
+
+def test_ablation_labels_again_without_each_effect():
+    source = SolverSource(effects="gravity,ground,contact", accuracy=0.05)
+    label = source.label(DESIGN)
+    rows = {row["without"]: row for row in why.ablate(label, source)}
+    assert set(rows) == {"gravity,ground", "contact"}
+    bare = SolverSource(effects="contact", accuracy=0.05).label(DESIGN)
+    found = rows["gravity,ground"]
+    assert found["fold_angle"] == bare.evidence["m1"]
+    assert found["change"] == pytest.approx(bare.evidence["m1"] - label.evidence["m1"])
+    # Panels that pass through each other turn by half a radian more.
+    assert rows["contact"]["change"] > 0.4
+    assert source.effects == "gravity,ground,contact"
+
+
+# -- advice --------------------------------------------------------------------------------------
+
+
+def advice(**options):
+    source = SolverSource(accuracy=0.05, **options)
+    design = options.pop("design", DESIGN)
+    run, label = source.follow(design)
+    return why.advise(label, run, source)
+
+
+def says(found, text):
+    return any(text in sentence for sentence in found)
+
+
+def test_weight_that_changes_nothing_is_called_superfluous(heavy):
+    source, run, label, _ = heavy
+    assert not says(why.advise(label, run, source), "superfluous")
+    light = {**DESIGN, "stiffness_to_weight": 50.0}
+    run, label = source.follow(light)
+    assert says(why.advise(label, run, source), "gravity is superfluous")
+    # The bound that the advice rests on holds here: with and without differ by less.
+    bare = SolverSource(accuracy=0.05, effects="none").label(light)
+    off = abs(bare.evidence["m1"] - label.evidence["m1"])
+    assert off < weight_turning(light) / 50.0 + 2 * 0.01 * bare.evidence["m1"]
+    # Measured, it is the measurement that counts.
+    without = [{"without": "gravity,ground", "change": 1.0}]
+    assert not says(why.advise(label, run, source, without), "superfluous")
+
+
+def test_left_out_weight_contact_and_simpler_models_are_named():
+    found = advice(effects="none")
+    assert says(found, "weight was left out")
+    assert says(found, "the panels passed through each other")
+    assert says(found, "a quarter was enough")
+    source = SolverSource(accuracy=0.05, effects="contact")
+    run, label = source.follow({**DESIGN, "contraction": 0.05})
+    assert says(why.advise(label, run, source), "contact never acted")
+    assert says(why.advise(label, run, source), "Timoshenko's formula gives 0.606")
+    assert not says(why.advise(label, run, source), "small strain")  # 0.606² / 6 = 6 %
+    run, label = source.follow({**DESIGN, "contraction": 0.03})
+    assert says(why.advise(label, run, source), "small strain and small rotations would do")
+
+
+def test_a_curled_unit_is_told_to_ask_for_a_folded_state(heavy):
+    _, run, label, _ = heavy
+    source = SimpleNamespace(
+        terms=("gravity", "ground"), heavy=True, accuracy=0.05, question="from_flat",
+        growth="isotropic", upright=True,
+    )  # fmt: skip
+    events = [{"kind": "twisting", "contraction": 0.1}]
+    evidence = {**label.evidence, "outcome": "curled", "events": events}
+    curled = Label(label.design, False, "curled", evidence, "solver", "1")
+    found = why.advise(curled, run, source)
+    assert says(found, "--question exists") and says(found, "lost at 10 % contraction (twisting)")
+    assert says(found, "--free shows where it lands")
+
+
+def test_weight_turning_is_the_beam_theory_of_a_light_unit():
+    # A stiff sheet, whose deflections are small: the solver's own drop of the angle, at a
+    # contraction so small that the panels stay nearly level and touch the ground nowhere else.
+    d = {**DESIGN, "contraction": 0.02, "stiffness_to_weight": 20.0}
+    angles = [
+        SolverSource(accuracy=0.05, effects=e).label(d).evidence["m1"]
+        for e in ("none", "gravity,ground")
+    ]
+    expected = weight_turning(d) / d["stiffness_to_weight"]
+    assert angles[0] - angles[1] == pytest.approx(expected, rel=0.1)

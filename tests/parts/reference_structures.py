@@ -1,0 +1,253 @@
+"""Scenes of the cases that snap, buckle and branch: arches, roofs, frames, columns, discs."""
+
+import numpy as np
+from reference_scenes import AXES, held, modulus, near, strip
+
+from solver.equilibrium.scene import Scene
+from solver.mesh.body import Body
+from solver.mesh.structured import box, graded, polar
+from solver.physics.elastic import Elastic
+from solver.physics.ground import Ground
+from solver.physics.growth import General
+from solver.physics.loads import Gravity, Traction
+from solver.physics.materials import NeoHookean
+from solver.physics.supports import Fixed, Row, rotation_row
+from solver.physics.term import Evaluation
+
+# Means over lines of one or two quadratic elements, by their number of nodes.
+SIMPSON = {3: np.array([1, 4, 1]) / 6, 5: np.array([1, 4, 2, 4, 1]) / 12}
+
+
+def hinge(body, face, radius, components):
+    """Rows that keep the mean of u over the thickness at 0 along an end face.
+
+    A hinge on one line of a solid lets that line sink into it, which a shell's hinge does not.
+    ``face``: nodes; ``radius``: their coordinate through the thickness.
+    """
+    rows = []
+    for z in np.unique(body.nodes[face, 2].round(9)):
+        line = face[np.abs(body.nodes[face, 2] - z) < 1e-6]
+        line = line[np.argsort(radius[line])]
+        for k in components:
+            if k == 2 and abs(z) < 1e-9:
+                continue  # on the mirror plane z = 0 that component is held already
+            c = np.zeros_like(body.nodes)
+            c[line, k] = SIMPSON[len(line)]
+            rows.append(Row(c, name="hinge"))
+    return rows
+
+
+def arch(*, hinged, n=16, e_to=1.0, whole=False, h=0.1875):
+    """Shallow circular arch, R = 133.114, half angle 7.3397°, crown load e·e_to (unit width).
+
+    Half of it by symmetry, or the whole with antisymmetric freedom. ν = 0; ends clamped or hinged.
+    """
+    R, half = 133.114, np.radians(7.3397)
+    low = np.pi / 2 - half
+    high = np.pi / 2 + half if whole else np.pi / 2
+    angles = np.linspace(low, high, (2 if whole else 1) * n + 1)
+    mesh = box(np.linspace(R - h / 2, R + h / 2, 3), angles, [0, 1.0], shape=polar)
+    body = Body.build(mesh, "hex27", bent=1)
+    X = body.nodes
+    angle = np.arctan2(X[:, 1], X[:, 0])
+    radius = np.hypot(X[:, 0], X[:, 1])
+    fixed = [*held(body, 2, 0.0, 2), *held(body, 2, 1.0, 2)]
+    rows = []
+    for end in (low, high) if whole else (low,):
+        face = np.flatnonzero(np.abs(angle - end) < 1e-9)
+        if hinged:
+            rows += hinge(body, face, radius, (0, 1))
+        else:
+            fixed += [Fixed(face, AXES[0]), Fixed(face, AXES[1])]
+    if not whole:
+        fixed += [Fixed(np.flatnonzero(np.abs(X[:, 0]) < 1e-9), AXES[0])]
+    crown = np.flatnonzero((np.abs(X[:, 0]) < 1e-9) & (np.abs(radius - R) < 1e-6))
+    share = 1.0 if whole else 0.5
+    load = NodeLoad(body, crown, lambda e: [0, -e * e_to * share, 0], across=2)
+    return Scene(body, [Elastic(body, NeoHookean(1e7, 0.0)), load], fixed=fixed, rows=rows), crown
+
+
+def roof(*, h=12.7, n=6, e_to=3.0):
+    """A quarter of the hinged cylindrical roof of Sze, Liu and Lo (2004), crown load 1000 e·e_to.
+
+    Arc in the x–y plane, axis along z; its straight edges are hinged. A shell does not dent: the
+    load is spread through the thickness, and ``crown`` is the line whose mean sink tells W.
+    """
+    R, half, angle = 2540.0, 254.0, 0.1
+    angles = graded(np.pi / 2 - angle, np.pi / 2, n, toward="b", ratio=2)
+    r = np.linspace(R - h / 2, R + h / 2, 3)
+    z = graded(0, half, n, toward="a", ratio=2)
+    body = Body.build(box(r, angles, z, shape=polar), "hex27")
+    X = body.nodes
+    radius, at = np.hypot(X[:, 0], X[:, 1]), np.arctan2(X[:, 1], X[:, 0])
+    rows = hinge(body, np.flatnonzero(np.abs(at - angles[0]) < 1e-9), radius, (0, 1, 2))
+    fixed = [*held(body, 0, 0.0, 0), *held(body, 2, 0.0, 2)]
+    crown = np.flatnonzero((np.abs(X[:, 0]) < 1e-6) & (np.abs(X[:, 2]) < 1e-6))
+    load = NodeLoad(body, crown, lambda e: [0, -e * e_to * 1000 / 4, 0], across=1)
+    term = Elastic(body, NeoHookean(3102.75, 0.3))
+    return Scene(body, [term, load], fixed=fixed, rows=rows), crown
+
+
+class NodeLoad:
+    """A dead force shared by the nodes of a line along an axis, as a uniform line load would."""
+
+    name, graph, symmetric = "node load", None, True
+
+    def __init__(self, body, nodes, force, across=None):
+        self.force, self.n = force, len(body.nodes)
+        share = np.ones(len(nodes)) / len(nodes)
+        if across is not None:
+            share, nodes = SIMPSON[len(nodes)], nodes[np.argsort(body.nodes[nodes, across])]
+        self.nodes, self.share = nodes, share
+
+    def evaluate(self, u, e, order=2):
+        f = np.asarray(self.force(e), dtype=float)
+        force = np.zeros((self.n, 3))
+        force[self.nodes] = -self.share[:, None] * f
+        return Evaluation(float((force * u).sum()), force, None)
+
+
+def column(*, h=0.02, n=10, end_load=0.0, weight=0.0):
+    """A column along x, standing on a clamped end x = 0; load or weight along −x, times e."""
+    body, fixed = strip(h, n)
+    terms = [Elastic(body, NeoHookean(modulus(h), 0.0))]
+    if end_load:
+        end = body.surface(near(0, 1.0))
+        terms.append(Traction(body, end, lambda e: np.array([-e * end_load / h, 0, 0])))
+    if weight:
+        terms.append(Gravity(body, 1.0, lambda e: np.array([-e * weight / h, 0, 0])))
+    return Scene(body, terms, fixed=[*fixed, *held(body, 0, 0.0, 0, 1, 2)])
+
+
+def squeezed_column(*, h, shortening, n=16):
+    """A column clamped at both ends, one of which comes down by e·shortening; and its nodes."""
+    body, fixed = strip(h, n)
+    top = body.nodes_where(near(0, 1.0))
+    fixed += held(body, 0, 0.0, 0, 1, 2)
+    fixed += [Fixed(top, AXES[0], value=lambda e: -e * shortening), Fixed(top, AXES[2])]
+    return Scene(body, [Elastic(body, NeoHookean(modulus(h), 0.0))], fixed=fixed), top
+
+
+def frame(*, n=(6, 2, 6), corner=2.0):
+    """Lee's frame: column and beam of length 120 and thickness 2, pinned at both far ends.
+
+    Unit width, E = 2160 and ν = 0 make EI = 1440, EA = 4320. The strips meet in a mitre; sections
+    lean towards it within ``corner``. Dead load −e along y on the beam, 24 from the corner.
+    """
+    L, h = 120.0, 2.0
+    column, beam = np.linspace(0, L - corner, n[0] + 1), np.linspace(L + corner, L + 24, n[1] + 1)
+    s = np.concatenate([column, [L], beam, np.linspace(L + 24, 2 * L, n[2] + 1)[1:]])
+
+    def shape(X):
+        s, t, z = X.T
+        lean = t * np.clip(1 - np.abs(s - L) / corner, 0, 1)
+        up = s <= L
+        return np.stack([np.where(up, -t, s - L - lean), np.where(up, s + lean, L + t), z], -1)
+
+    body = Body.build(box(s, [-h / 2, h / 2], [0, 1.0], shape=shape), "hex27", bent=0)
+    X = body.nodes
+    rows = hinge(body, body.nodes_where(near(1, 0.0)), X[:, 0], (0, 1))
+    rows += hinge(body, body.nodes_where(near(0, L)), X[:, 1], (0, 1))
+    fixed = [*held(body, 2, 0.0, 2), *held(body, 2, 1.0, 2)]
+    at = body.nodes_where(lambda X: np.abs(X[:, :2] - (24, L)).max(axis=1) < 1e-9)
+    load = NodeLoad(body, at, lambda e: [0, -e, 0], across=2)
+    return Scene(body, [Elastic(body, NeoHookean(2160.0, 0.0)), load], fixed=fixed, rows=rows), at
+
+
+def disc(*, h=0.02, n=4, e_to=6.0):
+    """A quarter of a disc of radius 1 whose free curvature κ_T is alike in all directions.
+
+    Growth 1 − κ_T z in the plane with κ_T a²/h = e·e_to; ν = 0.3, mirror planes x = 0 and y = 0.
+    A square in the middle and two blocks around it keep the mesh regular.
+    """
+    inner, corner = np.array([0.45, 0.0]), np.array([0.36, 0.36])
+    s = np.concatenate([np.linspace(0, 1, n + 1), 1 + np.linspace(0, 1, n + 1)[1:]])
+
+    def shape(X):
+        across, up = X[:, :1], X[:, 1:2]
+        x, y = np.maximum(across, up), np.minimum(across, up)
+        square = across * inner + up * inner[::-1] + across * up * (corner - inner - inner[::-1])
+        edge = inner + y * (corner - inner)
+        rim = np.hstack([np.cos(np.pi / 4 * y), np.sin(np.pi / 4 * y)])
+        block = edge + (x - 1) * (rim - edge)
+        block = np.where(up > across, block[:, ::-1], block)
+        return np.column_stack([np.where(x <= 1, square, block), X[:, 2]])
+
+    mesh = box(s, s, [-h / 2, h / 2], keep=lambda X: X[:, :2].min(axis=1) < 1, shape=shape)
+    body = Body.build(mesh, "hex27")
+    z = body.points()[..., 2]
+
+    def tensor(e):
+        Fg = np.broadcast_to(np.eye(3), (*z.shape, 3, 3)).copy()
+        Fg[..., 0, 0] = Fg[..., 1, 1] = 1 - e * e_to * h * z
+        return Fg
+
+    foot = body.nodes_where(lambda X: np.linalg.norm(X, axis=1) < 1e-9)
+    fixed = [*held(body, 0, 0.0, 0), *held(body, 1, 0.0, 1), Fixed(foot, AXES[2])]
+    return Scene(body, [Elastic(body, NeoHookean(1.0, 0.3), General(tensor))], fixed=fixed)
+
+
+def centre_curvature(scene, x, e, axis):
+    """Of the disc's mid-plane along x or y, from w = κr²/2 + c r⁴ near the centre."""
+    X = scene.body.nodes
+    on = (np.abs(X[:, [1 - axis, 2]]).max(axis=1) < 1e-9) & (X[:, axis] < 0.3)
+    r, w = X[on, axis], scene.displacement(x, e)[on, 2]
+    terms = np.stack([r**2 / 2, r**4], -1)
+    return np.linalg.lstsq(terms, w - w[np.argmin(r)], rcond=None)[0][0]
+
+
+def twisted(scene, x, e):
+    """Unstable modes of the disc odd about both mirror planes, (x, e) held where they meet it."""
+    body, u, fixed = scene.body, scene.displacement(x, e), []
+    for axis in (0, 1):
+        on = body.nodes_where(near(axis, 0.0))
+        along = [k for k in range(3) if k != axis]
+        fixed += [Fixed(on, AXES[k], value=u[on, k]) for k in along]
+    about = rotation_row(body, 2).coefficients
+    odd = Scene(body, scene.terms, fixed=fixed, rows=[Row(about, value=(about * u).sum())])
+    return odd.system(odd.unknowns(u), e).unstable
+
+
+def heavy_strip(*, curvature, weight, hinge=1.0, panel=1.0, h=0.01, n=(8, 16)):
+    """Half of references.md §2's heavy strip on rigid frictionless ground, and its ground.
+
+    The hinge, s < 0.1 of 0.5, is grown free of stress to e·curvature; ``hinge`` and ``panel`` are
+    stiffnesses per width, ``weight`` is per length. Panels rise where the curvature is positive.
+    The barrier is a hundredth of the thickness deep, for the reference's ground is rigid.
+    """
+    s = np.concatenate(
+        [
+            graded(0, 0.1, n[0], toward="both", ratio=3),
+            graded(0.1, 0.5, n[1], toward="both", ratio=4)[1:],
+        ]
+    )
+    body = Body.build(box(s, [0, h], np.linspace(-h / 2, h / 2, 3)), "hex27", bent=0)
+    fixed = [*held(body, 1, 0.0, 1), *held(body, 1, h, 1), *held(body, 0, 0.0, 0)]
+    curved = body.cells_where(lambda X: X[:, 0] < 0.1)
+    z = body.points()[..., 2] * curved[:, None]
+
+    def tensor(e):
+        Fg = np.broadcast_to(np.eye(3), (*z.shape, 3, 3)).copy()
+        Fg[..., 0, 0] = 1 - e * curvature * z
+        return Fg
+
+    E = np.where(curved, hinge, panel) * modulus(h)
+    ground = Ground(
+        body, body.surface(near(2, -h / 2)), thickness=h, pressure=weight, height=-h / 2,
+        depth=0.01, reach=0.01,
+    )  # fmt: skip
+    terms = [Elastic(body, NeoHookean(E, 0.0), General(tensor)), Gravity(body, 1.0, weight / h)]
+    return Scene(body, [*terms, ground], fixed=fixed), ground
+
+
+def section(scene, x, e, s):
+    """Height of the mid-line and rotation in rad of the section at s, by its lowest and top node.
+
+    The rotation lies in (−π, π].
+    """
+    X = scene.body.nodes
+    at = np.flatnonzero((np.abs(X[:, 0] - s) < 1e-9) & (np.abs(X[:, 1]) < 1e-9))
+    at = at[np.argsort(X[at, 2])]
+    now = (X + scene.displacement(x, e))[at]
+    d = now[-1] - now[0]
+    return now[len(at) // 2, 2], np.arctan2(-d[0], d[2])

@@ -1,0 +1,126 @@
+"""Panels that stop at each other: an optional effect, in the mirror plane between them."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from proofs import BODIES, ELEMENTS, prove, state
+from scipy.optimize import brentq
+
+from foldlab.labels.solver import SolverSource
+from solver.cases.unit.model import build
+from solver.cases.unit.path import Ending, carried, fold, refined
+from solver.cases.unit.symmetry import CLASSES, Check, Symmetries
+from solver.cases.unit.unit import Unit
+from solver.physics.ground import Ground
+
+P = Unit(
+    E_ratio=0.1, rho_ratio=1.0, hinge_length=0.2, hinge_width=1.0, h_ratio=5.0,
+    stiffness_to_weight=1.0, aspect=0.2, slenderness=4e-3, contraction=0.3,
+)  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def closed():
+    return fold(build(P, 0, effects=("contact",)))
+
+
+@pytest.mark.parametrize("axis", [0, 1])
+@pytest.mark.parametrize("element", ELEMENTS)
+def test_a_wall_is_a_ground_along_another_axis(element, axis):
+    body = BODIES[element]
+    side = body.surface(lambda X: X[:, axis] < 1e-9)
+    wall = Ground(body, side, thickness=0.8, pressure=3.0, height=-0.5, axis=axis)
+    u = state(body, size=0.05)
+    u[:, axis] -= wall.gaps(u).min()
+    prove(wall, u, 0.0, step=1e-5)
+    others = [k for k in range(3) if k != axis]
+    assert not wall.evaluate(u, 0.0).force[:, others].any()
+
+
+def test_panels_stop_where_rigid_ones_on_an_arc_would_meet(closed):
+    # Hinge an arc of length l_i turned by θ, panels straight: their ends meet where
+    # (l_i/θ) sin(θ/2) + L cos(θ/2) = 0; the faces do, half a thickness above the middle.
+    assert closed.ending is Ending.REACHED
+    length = 0.5 - P.hinge_length / 2
+    meet = brentq(
+        lambda t: (
+            (P.hinge_length / t - P.slenderness / 2) * np.sin(t / 2) + length * np.cos(t / 2)
+        ),
+        3.0, 3.6,
+    )  # fmt: skip
+    touching = [s.clearance < 0.1 * P.slenderness for s in closed.states]
+    first = touching.index(True)
+    turned = [_turning(s) for s in closed.states]
+    # Contact set in within this step. The turning between the ends falls once they press.
+    assert turned[first - 1] < meet * 1.002
+    assert turned[first] == pytest.approx(meet, rel=0.02)
+    assert all(touching[first:])
+    free = fold(build(P, 0, effects=()))
+    assert _turning(free.last) > 1.1 * meet > 1.05 * _turning(closed.last)
+    # No panel is deeper in the other than a tenth of its thickness.
+    assert min(s.clearance for s in closed.states) > -0.1 * P.slenderness
+    assert closed.last.unstable == 0
+
+
+def _turning(state):
+    t = np.diff(state.curves[0], axis=0)
+    return 2 * np.arctan2(t[-1, 2], t[-1, 1]) % (2 * np.pi)
+
+
+def test_a_closed_state_is_found_again_on_a_finer_mesh(closed):
+    fine = refined(closed, 1)
+    assert fine is not None
+    # Of the thickness: the panels' faces touch on either mesh.
+    assert abs(fine.last.clearance - closed.last.clearance) < 0.05 * P.slenderness
+    model, x = carried(closed.model, closed.x, 1.0, **{**closed.model.options, "level": 1})
+    assert np.isfinite(model.scene.energy(x, 1.0))
+
+
+def test_panels_that_move_alike_do_not_feel_each_other(closed):
+    # Odd about the plane between them both ends move the same way and keep their distance: the
+    # count is that of the same state without contact, while the even class feels it.
+    model, x = closed.model, closed.x
+    assert not [c for c in closed.last.checks if c.held]
+    bare = build(P, 0, effects=())
+    stiffness = {
+        kept: scene.evaluate(model.scene.displacement(x, 1.0), 1.0).stiffness
+        for kept, scene in Symmetries(model)._scenes.items()
+    }
+    without = {
+        kept: scene.evaluate(model.scene.displacement(x, 1.0), 1.0).stiffness
+        for kept, scene in Symmetries(bare)._scenes.items()
+    }
+    for kept, blocks in stiffness.items():
+        same = np.array_equal(blocks, without[kept])
+        assert same == ("y" not in kept), CLASSES[kept]
+
+
+def test_contact_is_absent_unless_asked_for(monkeypatch):
+    model = build(P, 0, effects=())
+    assert model.contact is None and model.effects == ("elastic",)
+    assert build(P, 0, effects=("contact",)).effects == ("elastic", "contact")
+    heavy = build(P, 0, effects=("gravity", "ground", "contact"))
+    assert heavy.effects == ("elastic", "gravity", "ground", "contact")
+    monkeypatch.setattr(Ground, "__init__", lambda *a, **k: pytest.fail("a wall was built"))
+    fold(build(replace(P, contraction=0.01), 0, effects=()))
+
+
+def test_contact_needs_the_plane_between_the_panels():
+    with pytest.raises(ValueError, match="keep 'y' among the mirrors"):
+        build(P, 0, effects=("contact",), mirrors=("x",))
+
+
+def test_a_unit_that_loses_the_plane_ends_with_that_reason(monkeypatch):
+    monkeypatch.setattr(Symmetries, "check", lambda self, x, e: [Check(("x",), int(e > 0.2), 0)])
+    found = fold(build(P, 0, effects=("contact",)))
+    assert found.ending is Ending.APART and found.states
+    assert found.last.e < 0.5
+
+
+def test_the_label_names_the_event():
+    design = {name: getattr(P, name) for name in SolverSource().space.names}
+    label = SolverSource(effects="contact", timeout=30).label(design)
+    at = [e["contraction"] for e in label.evidence["events"] if e["kind"] == "contact"]
+    assert label.foldable and len(at) == 1 and 0.25 < at[0] < 0.29
+    assert label.evidence["m1"] < 3.4 and label.evidence["error_estimate"] < 0.02
