@@ -17,6 +17,7 @@ import pandas as pd
 
 from experiments.common import main, save_figure
 from foldlab.design import REDUCED
+from foldlab.errors import InputError
 from foldlab.inverse import propose as inverse
 from foldlab.inverse.wish import Wish
 from foldlab.labels.timoshenko import TimoshenkoSource
@@ -60,6 +61,11 @@ TINY = Config(
 
 
 def run(config: Config, tracker) -> dict[str, Any]:
+    if "network" not in config.models:
+        raise InputError(
+            f"models = {', '.join(config.models)}; the operating point and the proposals are the "
+            "network's: add network"
+        )
     source = TimoshenkoSource()
     rows, points, shares, front = [], [], [], None
     for seed in range(config.seed, config.seed + config.seeds):

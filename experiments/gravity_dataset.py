@@ -13,7 +13,6 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import pandas as pd
 
 from experiments.common import OUT, main, save_figure
@@ -23,13 +22,11 @@ from foldlab.design import FULL
 from foldlab.errors import InputError
 from foldlab.labels.solver import SolverSource
 from foldlab.labels.store import LabelStore
-from foldlab.labels.verdict import FLOOR, SHARE
 from foldlab.tables import write_table
 from foldlab.tracking import commit
 
 # What a table of thousands of labels can do without; the curves alone would be most of it.
 DROPPED = ("curves", "stable", "seconds", "source", "threshold", "normalised_angle")
-ASKED = 0.02  # accuracy of the campaigns
 PACKAGES = ("numpy", "scipy", "scikit-fem", "pypardiso", "numba")
 
 
@@ -64,7 +61,6 @@ def run(config: Config, tracker) -> dict[str, Any]:
     first = [*FULL.names, "growth", "foldable", "outcome", "reason", "fold_angle"]
     rest = [c for c in table.columns if c not in first and c not in DROPPED]
     table = table[[*first, "normalised_angle", *rest]]
-    restate(table)
     table["reason"] = table["reason"].astype(str).str.slice(0, 200)
     narrow = table.select_dtypes("float64").columns.difference(FULL.names)
     table[narrow] = table[narrow].astype("float32")
@@ -93,24 +89,6 @@ def run(config: Config, tracker) -> dict[str, Any]:
         .reset_index(name="labels")
         .to_dict("records"),
     }
-
-
-def restate(table: pd.DataFrame) -> None:
-    """Errors of labels made before their calibration: from half of what two meshes differed by (all
-    of it at a full turn) to what is stated now. Those that no longer decide are unknown."""
-    levels = table["levels"].fillna(0).astype(int)
-    closed = table["contraction_reached"] < table["contraction"] * (1 - 1e-9)
-    for level, least in FLOOR.items():
-        on = (levels == level + 1) & table["error_estimate"].notna()
-        apart = table["error_estimate"] * np.where(closed, 1.0, 2.0)
-        table.loc[on, "error_estimate"] = np.maximum(SHARE * apart[on], least)
-    need = np.pi * table["contraction"]
-    slack = table["error_estimate"] * np.maximum(table["m1"].abs(), need)
-    near = ((table["m1"] - need).abs() < slack) | ((table["m2"] - need / 2).abs() < slack)
-    near &= table["foldable"].notna() & ~closed & (table["error_estimate"] > ASKED)
-    table.loc[near, "reason"] = "unknown: a threshold lies within the error"
-    table.loc[near, "outcome"] = "unresolved"
-    table.loc[near, "foldable"] = None
 
 
 if __name__ == "__main__":

@@ -1,5 +1,5 @@
 """The command line; the entry point is :func:`main`."""
 
-from foldlab.cli.app import app, main
+from foldlab.cli.app import main
 
-__all__ = ["app", "main"]
+__all__ = ["main"]

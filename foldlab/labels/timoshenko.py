@@ -152,16 +152,15 @@ def _reason(foldable: bool, values: Mapping[str, float]) -> str:
     )
 
 
-def lift_off_stiffness(design: Mapping[str, float], nu: float = 0.3) -> float:
+def lift_off_stiffness(design: Mapping[str, float]) -> float:
     """Γ above which rigid panels on a short hinge would leave the ground.
 
     Θ₀ = κ l_i / 2 and β = w L_p² l_i / (4 B), w the weight of a panel per length and B the
     bilayer's bending stiffness: lift-off at β = Θ₀ (heavy strip, closed form). β is proportional
     to 1/Γ. Flexible panels lift earlier at their tips' cost, so this is an estimate.
     """
-    m, n, h = design["h_ratio"], design["E_ratio"], design["slenderness"]
-    share = 6 * (1 + m) / (3 * (1 + m) ** 2 + (1 + m * n) * (m**2 + 1 / (m * n)))
-    turning = share * design["contraction"] / h * design["hinge_length"] / 2
+    groups = ("E_ratio", "h_ratio", "slenderness", "hinge_length", "contraction")
+    turning = fold_angle(*(design[name] for name in groups)) / 2
     return float(_hinge_turning(design) / turning) if turning > 0 else np.inf
 
 

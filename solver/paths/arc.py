@@ -196,7 +196,6 @@ def between(
     share: float,
     *,
     rtol: float,
-    max_iterations: int = 12,
 ) -> tuple[Point, Factor] | None:
     """The path's point between two neighbours, and the factor there; None if it is not found.
 

@@ -6,6 +6,7 @@ import math
 import pkgutil
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import mlflow
@@ -13,6 +14,7 @@ import pytest
 
 import experiments
 from experiments.common import execute
+from foldlab.errors import InputError
 
 NAMES = [
     m.name
@@ -58,3 +60,12 @@ def test_a_wrong_setting_ends_with_status_2(here):
     assert done.returncode == 2
     assert "no setting 'pionts'; there are: " in done.stderr
     assert done.stdout == ""
+
+
+def test_a_comparison_without_the_network_is_refused(here):
+    # It trained all others, and ended in a KeyError.
+    from experiments import compare_models
+
+    config = replace(compare_models.TINY, models=("tree",))
+    with pytest.raises(InputError, match="add network"):
+        compare_models.run(config, None)

@@ -117,9 +117,7 @@ class Model:
         seen = [_sight(row, self.body.nodes + u) for row in turning]
         if min(seen, default=1.0) > 0.7:
             return self
-        fixed, rows = _supports(
-            self.unit, self.body, self.mirrors, self.heavy, self.upright, lambda body: u
-        )
+        fixed, rows = _supports(self.body, self.mirrors, self.heavy, self.upright, lambda body: u)
         scene = Scene(self.body, self.terms, fixed=fixed, rows=rows, scales=self.scene.scales)
         made = replace(self, scene=scene)
         made.__dict__["_curves"] = self._curves  # the same body's
@@ -247,7 +245,7 @@ def build(
         terms.append(contact)
     if clock is not None:
         terms = [Timed(t, clock) for t in terms]
-    fixed, rows = _supports(unit, body, mirrors, heavy, upright, at)
+    fixed, rows = _supports(body, mirrors, heavy, upright, at)
     scene = Scene(body, terms, fixed=fixed, rows=rows)
     if deadline is not None:
         # Scales are an evaluation too, and a model must come of it however late it is.
@@ -294,7 +292,7 @@ def foot(body: Body, at=(0.0, 0.0, 0.0)) -> np.ndarray:
     return np.array([np.argmin(np.linalg.norm(body.nodes - at, axis=1))])
 
 
-def _supports(unit, body, mirrors, heavy, upright, at):
+def _supports(body, mirrors, heavy, upright, at):
     axes = ["xy".index(m) for m in mirrors]
     fixed = [Fixed(plane(body, axis), np.eye(3)[axis]) for axis in axes]
     free = [axis for axis in (0, 1) if axis not in axes]

@@ -128,7 +128,14 @@ def fold(
     by Timoshenko. ``stop``: asked at each state. ``noise``: amplitude and seed of §4.3.3, on a
     whole model instead of the tests of symmetry, on load steps or, with ``arc``, on arc length,
     which takes longer. ``on_state`` sees each state as it is accepted, with its model and unknowns.
+
+    Raises ValueError for ``arc`` without noise.
     """
+    if arc and noise is None:
+        raise ValueError(
+            "arc=True without noise; arc length is for noisy paths: give "
+            "noise=(amplitude, seed), or leave arc out"
+        )
     walk = _Walk(model, rtol, turn, stop, noise, arc, on_state, max_states)
     return walk.run(np.zeros(model.scene.size) if start is None else start)
 

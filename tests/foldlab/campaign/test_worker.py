@@ -64,7 +64,7 @@ import json, sys
 from concurrent.futures import ProcessPoolExecutor
 from multiprocessing import get_context
 from campaign_sources import FOLDS, NOT, Hangs, designs
-from foldlab import campaign
+from foldlab.campaign import campaign
 
 campaign.GRACE = 1.0
 with ProcessPoolExecutor(1, mp_context=get_context("spawn")) as pool:

@@ -147,7 +147,7 @@ def test_a_killed_writer_frees_the_lock_and_loses_only_its_open_transaction(fill
     killed(
         """
         import os, signal, sys
-        from foldlab.labels.label import LabelStore
+        from foldlab.labels.store import LabelStore
         store = LabelStore(sys.argv[1])
         store._db.execute("PRAGMA cache_size = 1")  # pages reach the file before the commit
         store._db.execute("UPDATE label SET reason = 'half written'")

@@ -1,5 +1,6 @@
 """What a label will cost, what each effect contributed, and the advice that follows."""
 
+import time
 from types import SimpleNamespace
 
 import numpy as np
@@ -210,3 +211,12 @@ def test_weight_turning_is_the_beam_theory_of_a_light_unit():
     ]
     expected = weight_turning(d) / d["stiffness_to_weight"]
     assert angles[0] - angles[1] == pytest.approx(expected, rel=0.1)
+
+
+def test_the_pace_is_no_zero_where_the_clock_ticks_coarsely(monkeypatch):
+    # Under a CPU limit a short computation took 0 s by the process's clock.
+    real = time.process_time
+    monkeypatch.setattr(time, "process_time", lambda: real() // 0.01 * 0.01)
+    forecast.pace.cache_clear()
+    assert forecast.pace() > 0
+    forecast.pace.cache_clear()

@@ -423,3 +423,10 @@ def test_a_fall_that_finds_no_end_is_tried_again_a_step_on(monkeypatch, failures
     (lost,) = found.happenings
     assert lost.kind == "rocking" and lost.e > failed[0] > plain.happenings[0].e - 1e-12
     assert angle(found) == pytest.approx(angle(plain), rel=1e-6)
+
+
+def test_arc_length_without_noise_is_refused():
+    # It was silently ignored.
+    model = build(P, 0)
+    with pytest.raises(ValueError, match="arc=True without noise"):
+        fold(model, arc=True)
