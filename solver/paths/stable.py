@@ -1,8 +1,9 @@
-"""A stable path without the search for its critical points: cheap enough for thousands of paths.
+"""Stable paths: where one loses stability it falls to the next stable state.
 
-:class:`solver.paths.stable.StablePath` follows the arc to each loss of stability and locates it.
-Here a load step that fails, or ends in an unstable state, is shortened a few times; then the energy
-falls from there to the next stable equilibrium. The loss of stability is known to one step.
+:class:`StablePath` follows the arc to each loss of stability and locates it. :class:`Settle` is
+cheap enough for thousands of paths: a load step that fails, or ends in an unstable state, is
+shortened a few times; then the energy falls from there to the next stable equilibrium. The loss of
+stability is known to one step.
 """
 
 from __future__ import annotations
