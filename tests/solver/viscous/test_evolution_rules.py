@@ -1,0 +1,49 @@
+"""Rules of the steps in time: what counts as dissipation, and when a growth outruns a step."""
+
+import warnings
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from solver.physics.growth import Isotropic
+from solver.viscous import evolution
+from solver.viscous.evolution import Unresolved, warn_unresolved
+
+
+@pytest.mark.parametrize("order", [1, 2])
+def test_energy_given_in_all_is_no_dissipation_whatever_the_order(order):
+    works = [np.array([2.0, 1.0, 0.5])]
+    assert evolution._dissipates(works, 3.5, order)
+    assert not evolution._dissipates(works, -1e-6, order)
+    # Roundoff of the sum.
+    assert evolution._dissipates(works, -1e-12, order)
+
+
+def test_only_backward_euler_is_held_to_every_point():
+    works = [np.array([2.0, -0.1])]
+    assert not evolution._dissipates(works, 1.9, 1)
+    assert evolution._dissipates(works, 1.9, 2)
+    assert not evolution._dissipates([np.array([np.nan])], 1.0, 2)
+
+
+def term(growth):
+    """What the rule asks of a term."""
+    points = np.zeros((1, 1, 3))
+    body = SimpleNamespace(weights=np.ones((1, 1)), points=points)
+    rheology = SimpleNamespace(shortest_time=lambda e, shape, points: 1e9)
+    return SimpleNamespace(body=body, rheology=rheology, growth=growth, name="tissue")
+
+
+def test_growth_is_judged_within_the_time_that_is_walked():
+    # Grows in 0 ≤ t ≤ 0.1 by 0.004, a step of 0.1 at a time: less than 0.01 is resolved. Beyond the
+    # end, where nothing is walked, it would explode.
+    def load(t):
+        assert t <= 0.1 * (1 + 1e-12), "asked for a load beyond the end"
+        return 0.004 * t / 0.1
+
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        warn_unresolved([term(Isotropic(lambda e: e))], 0.5, lambda t: 0.2 * load(t), 0.0, 0.1)
+    with pytest.warns(Unresolved, match="grow by 0.02 in a step; take dt <= 0.25"):
+        warn_unresolved([term(Isotropic(lambda e: e))], 0.5, load, 0.0, 0.1)
