@@ -19,6 +19,7 @@ from experiments.common import main, save_figure
 from foldlab.labels import foldability
 from foldlab.plots import LINES, STYLE
 from solver.cases.tissue.model import ramp
+from solver.cases.unit.choices import Meshing, Physics
 from solver.cases.unit.model import build
 from solver.cases.unit.unit import Unit
 from solver.viscous.evolution import TimeSteps, evolve, start
@@ -70,7 +71,7 @@ def follow(config: Config, share: float, weight: bool):
         contraction=config.contraction,
     )  # fmt: skip
     effects = ("gravity", "ground") if weight else ()
-    model = build(unit, config.level, element=config.element, effects=effects)
+    model = build(unit, Meshing(config.level, element=config.element), Physics(effects))
     hinge = model.body.cells_where(lambda X: np.abs(X[:, 1]) < unit.hinge_length / 2)
     E = np.where(model.body.cells_of("active"), unit.E_ratio, 1.0)
     clock = time.perf_counter()

@@ -31,6 +31,7 @@ from foldlab.design import FULL
 from foldlab.labels import foldability
 from foldlab.plots import LINES, STYLE, symbol
 from solver.cases.unit.audit import audit, faults
+from solver.cases.unit.choices import Meshing, Physics, Watch
 from solver.cases.unit.model import build
 from solver.cases.unit.path import Ending, fold
 from solver.cases.unit.unit import EFFECTS, Unit
@@ -134,7 +135,10 @@ def follow(groups: dict[str, float], effects, growth: str, config: Config) -> di
         return abs(m.m1) >= 2 * np.pi or m.m2 >= np.pi
 
     model = build(
-        unit, config.level, effects=effects, growth=growth, deadline=begun + config.timeout
+        unit,
+        Meshing(config.level),
+        Physics(effects, growth=growth),
+        watch=Watch(deadline=begun + config.timeout),
     )
     found = fold(model, stop=stop)
     seconds = time.monotonic() - begun

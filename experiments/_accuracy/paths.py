@@ -18,6 +18,8 @@ from solver.cases.unit import mesh as unit_mesh
 from solver.cases.unit import model as folding_unit
 from solver.cases.unit import path as unit_path
 from solver.cases.unit import problem_p
+from solver.cases.unit.choices import Meshing, Supports, Watch
+from solver.cases.unit.unit import Unit
 from solver.paths.continuation import trace
 from solver.paths.stable import Settle
 from solver.paths.steppers import ArcLength, LoadSteps
@@ -63,12 +65,13 @@ def solved(
     if scene == P:
         return _problem_p(element, level, whole)
     design = UNITS[scene]
-    options = {"element": element, "mirrors": () if whole else ("x", "y")}
     start = time.process_time()
     model = folding_unit.build(
-        folding_unit.Unit(**design), UNIT_LEVELS[level],
-        deadline=time.monotonic() + limit, **options,
-    )  # fmt: skip
+        Unit(**design),
+        Meshing(UNIT_LEVELS[level], element),
+        supports=Supports(() if whole else ("x", "y")),
+        watch=Watch(time.monotonic() + limit),
+    )
     built = time.process_time()
     folding = unit_path.fold(model)
     seconds = time.process_time() - built
@@ -202,7 +205,7 @@ def _stepping(name: str, level: int):
         scene = problem_p.scene(problem_p.mesh(P_LEVELS[level]), G)
         return scene, np.zeros(scene.size), _turning(scene), 0.3
     design = UNITS[name]
-    model = folding_unit.build(folding_unit.Unit(**design), UNIT_LEVELS[level])
+    model = folding_unit.build(Unit(**design), Meshing(UNIT_LEVELS[level]))
     scene = model.scene
     rest = Settle(LoadSteps(rtol=1e-8, step=0.1)).begin(scene, np.zeros(scene.size), 0.0, 1.0)
 

@@ -214,11 +214,11 @@ class SolverSource:
 
     def unit(self, design: Mapping[str, float]) -> Unit:
         """The solver's unit; raises :class:`InputError` for a design that is none."""
-        from solver.cases.unit import model as folding_unit
+        from solver.cases.unit.unit import Unit
 
         try:
             groups = {k: float(v) for k, v in design.items()}
-            return folding_unit.Unit(**groups, strips=self.strips, strip_share=self.strip_share)
+            return Unit(**groups, strips=self.strips, strip_share=self.strip_share)
         except (TypeError, ValueError) as error:
             raise InputError(f"the design is no folding unit: {error}") from error
 
@@ -234,8 +234,9 @@ class SolverSource:
 
         Raises :class:`InputError` for a design that is no unit.
         """
-        from solver.cases.unit import model as folding_unit
         from solver.cases.unit import path as unit_path
+        from solver.cases.unit.choices import Meshing, Physics, Supports, Watch
+        from solver.cases.unit.model import build
         from solver.cases.unit.output import Shape
 
         unit = self.unit(design)
@@ -249,22 +250,18 @@ class SolverSource:
             return abs(row["m1"]) >= 2 * np.pi or row["m2"] >= np.pi
 
         growth = "uniaxial" if self.question == "exists" else self.growth
-        options = {
-            "effects": self.terms, "upright": self.upright, "deadline": deadline,
-            "clock": clock, "element": self.plan.element,
-            "barrier": self.barrier, "curls": self.growth == "isotropic",
-        }  # fmt: skip
-        if self.seed is not None:
-            options["mirrors"] = ()
-        model = folding_unit.build(unit, level, growth=growth, **options)
+        meshing = Meshing(level, self.plan.element, curls=self.growth == "isotropic")
+        physics = Physics(self.terms, growth, barrier=self.barrier)
+        supports = Supports(("x", "y") if self.seed is None else (), self.upright)
+        watch = Watch(deadline, clock)
+        model = build(unit, meshing, physics, supports, watch=watch)
         noise = None if self.seed is None else (1e-3, self.seed)
         steps = {"rtol": self.plan.tolerance, "turn": self.plan.turn}
         folding = unit_path.fold(model, stop=closed, noise=noise, on_state=seen, **steps)
         if self.question == "exists" and folding.ending.name == "REACHED":
             before = len(history)
-            options["mirrors"] = folding.model.mirrors
             model, start = unit_path.carried(
-                folding.model, folding.x, 1.0, level=level, growth="release", **options
+                folding.model, folding.x, 1.0, physics=replace(physics, growth="release")
             )
             folding = unit_path.fold(model, start, stop=closed, noise=noise, on_state=seen, **steps)
             for row in history[before:]:

@@ -11,6 +11,7 @@ import pytest
 from hard_scenes import COARSE, P, reached
 from reference_scenes import held
 
+from solver.cases.unit.choices import Meshing, Physics
 from solver.cases.unit.model import build
 from solver.equilibrium import clock
 from solver.equilibrium.linear import Pardiso
@@ -73,9 +74,9 @@ def test_a_weightless_unit_never_hears_of_weight_or_ground(monkeypatch):
     gravity, ground, pressure, traction, deadline or noise is called; with weight both are."""
     names = ("gravity", "ground", "pressure", "traction", "deadline", "noise")
     with counted(monkeypatch, *names) as calls:
-        reached(build(P, COARSE, effects=()))
+        reached(build(P, Meshing(COARSE), Physics(())))
         assert not calls
-        reached(build(P, COARSE))
+        reached(build(P, Meshing(COARSE)))
         assert set(calls) == {"gravity", "ground"} and min(calls.values()) > 20
 
 
@@ -113,7 +114,7 @@ def test_each_absent_effect_of_a_block_stays_silent(monkeypatch):
 def test_a_weightless_unit_is_the_scene_that_never_heard_of_weight():
     """Unknowns, graph and sparsity pattern equal those of a scene made of the elastic term alone by
     hand, entry by entry; one term, one graph, not a copy of it."""
-    model = build(P, COARSE, effects=())
+    model = build(P, Meshing(COARSE), Physics(()))
     body = model.body
     (term,) = model.terms
     alone = Scene(
@@ -141,7 +142,7 @@ def _supports(model):
 def test_contact_adds_no_block_to_the_pattern():
     """Gravity has no stiffness, and a ground on nodes has diagonal blocks that are there anyway:
     with both the pattern is the elastic term's, so a heavy iteration factorises no more entries."""
-    light, heavy = build(P, COARSE, effects=()), build(P, COARSE)
+    light, heavy = build(P, Meshing(COARSE), Physics(())), build(P, Meshing(COARSE))
     body = heavy.body
     _, gravity, below = heavy.terms
     assert gravity.graph is None and below.graph.blocks == len(body.nodes)

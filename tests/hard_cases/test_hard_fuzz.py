@@ -16,6 +16,7 @@ from hard_scenes import COARSE, P
 from foldlab.design import FULL, REDUCED
 from foldlab.labels import foldability
 from solver.cases.unit.audit import audit, faults
+from solver.cases.unit.choices import Meshing, Physics, Supports, Watch
 from solver.cases.unit.model import build, plane
 from solver.cases.unit.path import Ending, fold
 from solver.cases.unit.unit import EFFECTS, Unit
@@ -38,13 +39,10 @@ def designs(batch):
 
 def settings(k):
     """Weight every other time; contraction in all directions every fifth."""
-    return {
-        "effects": EFFECTS if k % 2 else (),
-        "growth": "isotropic" if k % 5 == 4 else "uniaxial",
-    }
+    return Physics(EFFECTS if k % 2 else (), "isotropic" if k % 5 == 4 else "uniaxial")
 
 
-def examine(unit, timeout=TIMEOUT, **options):
+def examine(unit, physics, timeout=TIMEOUT):
     """The folding of a design and the faults of its last state, or of how it ended."""
     begun, worked = time.monotonic(), time.process_time()
 
@@ -52,7 +50,7 @@ def examine(unit, timeout=TIMEOUT, **options):
         m = foldability.measure(state.curves, unit.hinge_length)
         return abs(m.m1) >= 2 * np.pi or m.m2 >= np.pi
 
-    found = fold(build(unit, 0, deadline=begun + timeout, **options), stop=stop)
+    found = fold(build(unit, Meshing(0), physics, watch=Watch(begun + timeout)), stop=stop)
     # Its own seconds: a busy machine is no hang.
     spent, wrong = time.process_time() - worked, list(faults(found))
     if spent > timeout + 5:
@@ -71,10 +69,10 @@ def fuzz(batch):
     """Examines a batch; (endings, complaints)."""
     endings, complaints = [], []
     for k, unit in enumerate(designs(batch)):
-        options = settings(k)
-        found, wrong = examine(unit, **options)
+        physics = settings(k)
+        found, wrong = examine(unit, physics)
         endings.append(found.ending)
-        complaints += [f"{unit} {options}: {fault}" for fault in wrong]
+        complaints += [f"{unit} {physics}: {fault}" for fault in wrong]
     return endings, complaints
 
 
@@ -105,7 +103,7 @@ def test_the_second_code_path_notices_what_is_wrong():
     """A state moved by 1e-4, an energy off by 1e-4, a count off by one, a design of other weight, a
     state that is not finite: each is a fault, and the state as it is has none."""
     unit = replace(P, contraction=0.1)
-    found = fold(build(unit, COARSE))
+    found = fold(build(unit, Meshing(COARSE)))
     assert faults(found) == ()
     last = found.last
 
@@ -128,7 +126,7 @@ def test_the_second_code_path_notices_what_is_wrong():
 def test_the_second_code_path_counts_unstable_modes():
     """Contracting in all directions Problem P passes a branch point on its symmetric path: the
     audit of the state beyond it has the solver's count, above 0, and before it 0."""
-    model = build(P, COARSE, effects=(), growth="isotropic")
+    model = build(P, Meshing(COARSE), Physics((), growth="isotropic"))
     counts = []
     for e in (0.2, 0.45):
         path = trace(
@@ -144,7 +142,7 @@ def test_the_second_code_path_sees_a_unit_lean():
     """A unit pushed over against the rows that hold it: the moment that it leans with is seen, and
     what is left beside it is at rest."""
     unit = replace(P, contraction=0.1)
-    model = build(unit, COARSE, mirrors=("x",))
+    model = build(unit, Meshing(COARSE), supports=Supports(("x",)))
     found = fold(model)
     straight = audit(found.model, found.x, 1.0)
     rows = [

@@ -12,6 +12,7 @@ from scipy.integrate import quad
 from scipy.optimize import brentq
 
 from solver.cases.unit.audit import audit
+from solver.cases.unit.choices import Meshing, Physics, Supports, Watch
 from solver.cases.unit.model import build
 from solver.cases.unit.path import Ending, fold
 from solver.equilibrium.descent import descend
@@ -72,7 +73,7 @@ def test_a_crushing_weight_ends_in_words_or_in_an_audited_state():
     state that is reached passes the second code path."""
     unit = replace(P, stiffness_to_weight=1e-3, E_ratio=1e-3, h_ratio=10.0, rho_ratio=10.0)
     begun = time.monotonic()
-    found = fold(build(unit, COARSE, deadline=begun + 3))
+    found = fold(build(unit, Meshing(COARSE), watch=Watch(deadline=begun + 3)))
     assert time.monotonic() - begun < 6
     assert found.ending in (Ending.REACHED, Ending.NO_REST, Ending.LOST, Ending.TIMEOUT)
     assert found.detail and (found.x is None) == (not found.states)
@@ -89,10 +90,10 @@ def test_a_lighter_unit_never_lifts_its_edge_less():
     unit = replace(P, contraction=0.05)
     tips = []
     for gamma in (1e-3, 1e-2, 1e-1, 1.0, 10.0, 100.0):
-        found = reached(build(replace(unit, stiffness_to_weight=gamma), COARSE))
+        found = reached(build(replace(unit, stiffness_to_weight=gamma), Meshing(COARSE)))
         assert found.last.lowest >= -0.1 * unit.slenderness
         tips.append(found.last.tip)
-    free = reached(build(unit, COARSE, effects=()))
+    free = reached(build(unit, Meshing(COARSE), Physics(())))
     curve = free.last.curves[0]
     # On the ground the edge hovers or sinks by a tenth of the thickness.
     assert np.all(np.diff(tips) > -0.2 * unit.slenderness) and tips[0] < 0.1 * unit.slenderness
@@ -105,11 +106,14 @@ def test_a_weightless_scene_is_the_limit_of_a_vanishing_weight():
     """Fold angles for Γ = 10² … 10⁵ approach that of effects=none, and the difference falls as
     1/Γ: weight and ground leave nothing behind when they go."""
     unit = replace(P, contraction=0.1)
-    body = build(unit, COARSE, effects=()).body
-    free = fold_angle(reached(build(unit, effects=(), body=body)))
+    body = build(unit, Meshing(COARSE), Physics(())).body
+    free = fold_angle(reached(build(unit, Meshing(body=body), Physics(()))))
     gammas = np.array([1e2, 1e3, 1e4, 1e5])
     off = [
-        abs(fold_angle(reached(build(replace(unit, stiffness_to_weight=g), body=body))) - free)
+        abs(
+            fold_angle(reached(build(replace(unit, stiffness_to_weight=g), Meshing(body=body))))
+            - free
+        )
         for g in gammas
     ]
     rates = -np.diff(np.log(off)) / np.diff(np.log(gammas))
@@ -226,9 +230,9 @@ def test_a_unit_that_is_let_go_ends_on_its_side_or_in_words():
     """A folded unit that would topple, not held upright: wherever it ends, no mode is unstable with
     nothing to hold it, by the second code path; or the ending says why not."""
     unit = replace(P, hinge_length=0.25, stiffness_to_weight=0.1, contraction=0.12)
-    standing = fold(build(unit, COARSE))
+    standing = fold(build(unit, Meshing(COARSE)))
     assert standing.last.topples
-    found = fold(build(unit, COARSE, upright=False), max_states=40)
+    found = fold(build(unit, Meshing(COARSE), supports=Supports(upright=False)), max_states=40)
     kinds = [h.kind for h in found.happenings]
     assert "toppling" in kinds or found.ending is not Ending.REACHED
     if found.ending is Ending.REACHED:

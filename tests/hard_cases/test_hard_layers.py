@@ -7,6 +7,7 @@ import pytest
 from hard_scenes import P, bilayer, envelope, fold_angle, section_curvature
 from reference_scenes import cylinder, inner_stretch, walked
 
+from solver.cases.unit.choices import Meshing, Physics
 from solver.cases.unit.model import build
 from solver.cases.unit.path import Ending, fold
 from solver.paths.steppers import LoadSteps
@@ -106,7 +107,7 @@ def test_a_sheet_a_thousandth_as_thick_as_long():
     Weightless panels only turn with the hinge, so the angle depends on the hinge's shape alone.
     """
     unit = replace(P, slenderness=1e-3, hinge_length=0.05, aspect=0.05)
-    found = fold(build(unit, 1, effects=()))
+    found = fold(build(unit, Meshing(1), Physics(())))
     assert found.ending is Ending.REACHED and found.last.unstable == 0
     assert fold_angle(found) == pytest.approx(3.772, rel=3e-3)
 
@@ -114,13 +115,13 @@ def test_a_sheet_a_thousandth_as_thick_as_long():
 def test_a_sheet_a_tenth_as_thick_as_long():
     """h_s/l_s = 0.1, no sheet any more: energy balance dE/de = ∂E/∂e along the path to 0.1 %."""
     unit = replace(P, slenderness=0.1, hinge_length=0.5, h_ratio=1.0, E_ratio=1.0, aspect=1.0)
-    gained, worked = envelope(build(unit, 0, effects=()))
+    gained, worked = envelope(build(unit, Meshing(0), Physics(())))
     assert gained == pytest.approx(worked, rel=1e-3)
 
 
 def test_energy_balance_of_a_unit_that_folds_by_more_than_half_a_turn():
     """Problem P: the energy gained equals the work of growth, ∫ ∂E/∂e de, to 0.1 %."""
-    gained, worked = envelope(build(P, 0, effects=()))
+    gained, worked = envelope(build(P, Meshing(0), Physics(())))
     assert gained == pytest.approx(worked, rel=1e-3)
 
 
@@ -128,5 +129,5 @@ def test_energy_balance_of_a_unit_that_folds_by_more_than_half_a_turn():
 def test_corners_of_the_reduced_space(h_ratio, E_ratio):
     """All four corners of (E_i/E_s, h_i/h_s) at once: stable, and energy balance to 0.5 %."""
     unit = replace(P, h_ratio=h_ratio, E_ratio=E_ratio, contraction=0.1)
-    gained, worked = envelope(build(unit, 0, effects=()))
+    gained, worked = envelope(build(unit, Meshing(0), Physics(())))
     assert gained == pytest.approx(worked, rel=5e-3)

@@ -9,6 +9,7 @@ from threadpoolctl import threadpool_info, threadpool_limits
 
 from solver.cases.unit import path as unit_path
 from solver.cases.unit.audit import audit
+from solver.cases.unit.choices import Meshing, Physics, Supports
 from solver.cases.unit.model import build, images
 from solver.cases.unit.path import Ending, fold
 from solver.equilibrium.clock import OutOfTime
@@ -62,10 +63,10 @@ def test_rows_of_the_flat_sheet_are_blind_where_panels_stand_up_and_anchored_one
     """Folded by 3.7 rad, a whole unit held by rows with the flat sheet's arms has an unstable mode
     that it does not have: tipping over. Rows anchored in the state hold it."""
     unit, e = replace(P, contraction=0.288), 1.0
-    quarter = build(unit, COARSE)
+    quarter = build(unit, Meshing(COARSE))
     found = reached(quarter)
     assert 3.7 < fold_angle(found) < 3.8 and found.last.topples
-    model = build(unit, COARSE, mirrors=())
+    model = build(unit, Meshing(COARSE), supports=Supports(()))
     near, signs = images(quarter.body, model.body, [0, 1])
     x = model.scene.unknowns(signs * quarter.scene.displacement(found.x, e)[near])
     assert model.scene.system(x, e).unstable == 1
@@ -79,8 +80,8 @@ def test_a_unit_without_its_mirror_planes_folds_past_the_vertical_like_its_quart
     """Half a unit with rows on its rotation, in steps of 0.15 rad past the place where flat arms
     are blind: no snap, and the quarter's angle and energy (1e-6). It used to fall over there."""
     unit = replace(P, contraction=0.31)
-    quarter = reached(build(unit, COARSE))
-    found = reached(build(unit, COARSE, mirrors=("x",)), turn=0.15)
+    quarter = reached(build(unit, Meshing(COARSE)))
+    found = reached(build(unit, Meshing(COARSE), supports=Supports(("x",))), turn=0.15)
     assert fold_angle(quarter) > 3.85
     assert fold_angle(found) == pytest.approx(fold_angle(quarter), rel=1e-6)
     assert 2 * found.last.energy == pytest.approx(4 * quarter.last.energy, rel=1e-6)
@@ -92,7 +93,7 @@ def test_toppling_is_told_whatever_the_model_has_left_of_its_symmetry(mirrors):
     """Quarter, halves and whole say alike that the folded unit would tip over, and the second code
     path counts the same mode."""
     unit = replace(P, hinge_length=0.25, stiffness_to_weight=0.1, contraction=0.12)
-    found = reached(build(unit, COARSE, mirrors=mirrors))
+    found = reached(build(unit, Meshing(COARSE), supports=Supports(mirrors)))
     seen = audit(found.model, found.x, 1.0)
     assert (seen.held, seen.free) == (0, 1)
     assert found.last.topples and found.last.unstable == 0
@@ -109,7 +110,7 @@ def test_one_and_two_threads_fold_alike():
         with threadpool_limits(threads):
             used = {i["num_threads"] for i in threadpool_info() if i["internal_api"] == "mkl"}
             assert used <= {threads}
-            curves.append([(s.e, s.curves) for s in reached(build(P, COARSE)).states])
+            curves.append([(s.e, s.curves) for s in reached(build(P, Meshing(COARSE))).states])
     assert len(curves[0]) == len(curves[1])
     for (e, one), (f, two) in zip(*curves, strict=True):
         assert e == pytest.approx(f, abs=1e-12)
@@ -120,10 +121,10 @@ def test_noise_of_a_seed_reproduces_and_its_answer_does_not_depend_on_it():
     """A whole weightless unit with noise: one seed twice is the same to the last digit, another
     seed takes other states to the same fold angle (1e-6), that of the quarter without noise."""
     unit = replace(P, contraction=0.06)
-    want = fold_angle(reached(build(unit, COARSE, effects=())))
+    want = fold_angle(reached(build(unit, Meshing(COARSE), Physics(()))))
     runs = []
     for seed in (1, 1, 2):
-        found = fold(build(unit, COARSE, effects=(), mirrors=()), noise=(1e-3, seed))
+        found = fold(build(unit, Meshing(COARSE), Physics(()), Supports(())), noise=(1e-3, seed))
         assert found.ending is Ending.REACHED and found.last.unstable == 0
         assert fold_angle(found) == pytest.approx(want, rel=1e-6)
         runs.append(found)
@@ -161,7 +162,7 @@ def test_before_is_the_state_before_the_last_however_a_path_ends(how, ending, mo
     if how is not None:
         ends = _Ends(4, how)
         monkeypatch.setattr(unit_path.Settle, "advance", lambda *args: ends(*args))
-    found = fold(build(replace(P, contraction=0.1), COARSE, effects=()))
+    found = fold(build(replace(P, contraction=0.1), Meshing(COARSE), Physics(())))
     assert found.ending is ending and len(found.states) >= 4
     assert found.model.curves(found.x, found.last.e) == pytest.approx(found.last.curves)
     model, x = found.before
@@ -173,6 +174,6 @@ def test_before_is_the_state_before_the_last_however_a_path_ends(how, ending, mo
 def test_a_path_that_ends_at_its_first_state_has_nothing_before(monkeypatch):
     """A path that fails at its first step: one state, its unknowns, and no state before."""
     monkeypatch.setattr(unit_path.Settle, "advance", lambda *_: Outcome.NO_PROGRESS)
-    found = fold(build(P, COARSE, effects=()))
+    found = fold(build(P, Meshing(COARSE), Physics(())))
     assert found.ending is Ending.LOST and len(found.states) == 1
     assert found.x is not None and found.before is None

@@ -202,6 +202,7 @@ class _Builder:
         self.geo, self.lung, self.size, self.muscle = geo, lung, size, muscle
         self.radii = [1 - lung.epithelium, 1.0] + ([1 + lung.muscle] if lung.muscle else [])
         self.known: dict[tuple, int] = {}
+        self.origin = geo.addPoint(0, 0, 0)
 
     def once(self, key: tuple, make, *given) -> int:
         """The tag under this key, made when first asked for."""
@@ -214,7 +215,6 @@ class _Builder:
         t, geo = self.lung.tiling, self.geo
         flags = t.flags_in(part)
         h = Holes.of(t, flags, self.lung.bundle)
-        self.origin = geo.addPoint(0, 0, 0)
         volumes = {"epithelium": [], "muscle": []}
         wall = []
         for k, (tile, corner, edge) in enumerate(flags.tolist()):
@@ -222,8 +222,8 @@ class _Builder:
                 "O": (("O", tile), h.centre[k]), "M": (("M", edge), h.middle[k]),
                 "V": (("V", corner), h.corner[k]), "m": (("m", tile, edge), h.at_middle[k]),
                 "v": (("v", tile, corner), h.at_corner[k]),
+                "c": (("c", corner), h.sine * h.normal[k]),  # centre of the hole's circle
             }  # fmt: skip
-            self.small = h.sine * h.normal[k]
             for piece in ("Omv", "mMVv"):
                 last = len(self.radii) - 1 if piece == "mMVv" else 1
                 sheets = [self.sheet(at, piece, r) for r in range(last + 1)]
@@ -252,7 +252,7 @@ class _Builder:
         first = min(keys)
         centre = self.origin
         if set(ends) == {"m", "v"}:
-            x = self.radii[r] * self.small
+            x = self.radii[r] * at["c"][1]
             centre = self.once(("c", *sorted(keys), r), self.geo.addPoint, *x)
         a, b = (self.point(at[e], r) for e in (ends if keys[0] == first else ends[::-1]))
         tag = self.once((*sorted(keys), r), self.geo.addCircleArc, a, centre, b)

@@ -97,7 +97,7 @@ def audit(model: Model, x: np.ndarray, e: float) -> Audit:
     barrier, and stiffening.
     """
     body, unit = model.body, model.unit
-    known = model.options["barrier"] == "surface" and model.options["stiffening"] is None
+    known = model.physics.barrier == "surface" and model.physics.stiffening is None
     if body.element != "hex27" or not known:
         raise ValueError("an audit knows hex27, the surface barrier and constant E only")
     u = model.scene.displacement(x, e)

@@ -5,22 +5,23 @@ the sheet, z up. The passive sheet is |y| ≤ ½, 0 ≤ z ≤ h_s, its panels b_
 |y| ≤ l_i/2, b_i wide; the active layer lies on top of the hinge and contracts to g = −contraction
 as the load e goes from 0 to 1. Weight per volume: ρ_s g = (h_s/l_s)²/Γ, Γ = E_s h_s²/(ρ_s g l_s³).
 
-A model is a quarter, a half or the whole of it: ``mirrors`` names the mirror planes, normal to x or
-to y. What may be absent is absent: without the effect there is no Gravity and no Ground among the
-terms, a solid active layer has no strips.
+A model is a quarter, a half or the whole of it, as its mirror planes leave it. What may be absent
+is absent: without the effect there is no Gravity and no Ground among the terms, a solid active
+layer has no strips.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cached_property
 
 import numpy as np
 from scipy.spatial import cKDTree
 
 from solver.cases.unit import mesh as unit_mesh
-from solver.cases.unit.unit import EFFECTS, GROWTHS, KNOWN, Unit
+from solver.cases.unit.choices import Meshing, Physics, Supports, Watch
+from solver.cases.unit.curves import Curves
+from solver.cases.unit.unit import GROWTHS, Unit
 from solver.equilibrium.clock import Deadline, Timed
 from solver.equilibrium.scene import Scene
 from solver.mesh.body import Body
@@ -35,22 +36,22 @@ from solver.physics.term import Term
 
 @dataclass(frozen=True, eq=False)
 class Model:
-    """A unit on a mesh: the terms, and scenes of them under various supports.
+    """A unit on a mesh: the choices, the terms, and the scene whose path is followed.
 
-    ``mirrors``: mirror planes, of ("x", "y"); ``scene``: the one whose path is followed. ``ground``
-    and ``contact``, of the panels with each other, are None where there is none.
+    ``ground`` and ``contact``, of the panels with each other, are None where there is none.
     """
 
     unit: Unit
+    meshing: Meshing
+    physics: Physics
+    supports: Supports
+    watch: Watch
     body: Body
     terms: tuple[Term, ...]
-    growth: str
-    mirrors: tuple[str, ...]
-    upright: bool
     scene: Scene = field(repr=False)
     ground: Ground | GroundExponential | None
     contact: Ground | None
-    options: dict = field(repr=False)  # what it was built with
+    lines: Curves = field(repr=False)
 
     @property
     def effects(self) -> tuple[str, ...]:
@@ -58,44 +59,28 @@ class Model:
         return tuple(t.name for t in self.terms if not isinstance(t, Deadline))
 
     @property
+    def growth(self) -> str:
+        """Its name."""
+        return self.physics.growth
+
+    @property
     def heavy(self) -> bool:
         """Whether there is weight, so that the ground carries the unit."""
-        return "gravity" in self.effects
+        return self.physics.heavy
 
-    @cached_property
-    def _curves(self):
-        h, half = self.unit.slenderness / 2, self.unit.width / 2
-        # An even number of points: none on a mirror plane, none twice.
-        s, across = np.linspace(-0.5, 0.5, 1000), np.linspace(-half, half, 1000)
-        if "x" in self.mirrors:
-            across = across[500:]
-        if "y" in self.mirrors:
-            s = s[500:]
+    @property
+    def mirrors(self) -> tuple[str, ...]:
+        """Mirror planes, of ("x", "y")."""
+        return self.supports.mirrors
 
-        def along(x):
-            return np.stack([np.full(len(s), x), s, np.full(len(s), h)], axis=1)
-
-        lines = [along(0.0), np.stack([across, 0 * across, 0 * across + h], axis=1), along(half)]
-        if "x" not in self.mirrors:
-            lines.append(along(-half))
-        # A hair inside of the body, whatever rounding did to its edges.
-        return [self.body.interpolation(line * (1 - 1e-9)) for line in lines]
+    @property
+    def upright(self) -> bool:
+        """Whether the unit is held against toppling."""
+        return self.supports.upright
 
     def curves(self, x: np.ndarray, e: float) -> np.ndarray:
-        """C1 … C4 of physics.md §6 in the deformed state, (4, 1000, 3), in l_s.
-
-        On the passive layer's mid-plane: x = 0 along y, y = 0 along x within the hinge's width, and
-        x = ±b_i/2 along y.
-        """
-        deformed = self.body.nodes + self.scene.displacement(x, e)
-        found = [m @ deformed for m in self._curves]
-        if "x" in self.mirrors:
-            found[1] = np.vstack([(found[1] * (-1, 1, 1))[::-1], found[1]])
-            found.append(found[2] * (-1, 1, 1))
-        if "y" in self.mirrors:
-            for k in (0, 2, 3):
-                found[k] = np.vstack([(found[k] * (1, -1, 1))[::-1], found[k]])
-        return np.stack(found)
+        """C1 … C4 of physics.md §6 in the deformed state, (4, 1000, 3), in l_s."""
+        return self.lines.of(self.body.nodes + self.scene.displacement(x, e))
 
     def gaps(self, x: np.ndarray, e: float) -> np.ndarray:
         """Heights of the sheet's underside above the ground, (points,), in l_s."""
@@ -117,11 +102,9 @@ class Model:
         seen = [_sight(row, self.body.nodes + u) for row in turning]
         if min(seen, default=1.0) > 0.7:
             return self
-        fixed, rows = _supports(self.body, self.mirrors, self.heavy, self.upright, lambda body: u)
+        fixed, rows = _held(self.body, self.supports, self.heavy, u)
         scene = Scene(self.body, self.terms, fixed=fixed, rows=rows, scales=self.scene.scales)
-        made = replace(self, scene=scene)
-        made.__dict__["_curves"] = self._curves  # the same body's
-        return made
+        return replace(self, scene=scene)
 
     def widened(self, mirrors: Sequence[str], x: np.ndarray, e: float) -> tuple[Model, np.ndarray]:
         """The model with fewer mirror planes, and the same state on it as its unknowns.
@@ -129,7 +112,7 @@ class Model:
         Its rows hold the rotations where the state has them. Raises ValueError for a mirror plane
         that this model doesn't have, and for a model on a mesh of one's own.
         """
-        if self.options["body"] is not None or self.options["grading"] is not None:
+        if not self.meshing.structured:
             raise ValueError(
                 "the unit loses a symmetry, and the mesh that was given is only a part of it; "
                 "give one of the whole unit, with mirrors=()"
@@ -144,116 +127,98 @@ class Model:
             near, signs = images(self.body, body, lost)
             return signs * u[near]
 
-        wide = build(self.unit, **{**self.options, "mirrors": tuple(mirrors), "at": mapped})
+        supports = replace(self.supports, mirrors=tuple(mirrors))
+        wide = build(
+            self.unit, self.meshing, self.physics, supports, watch=self.watch, about=mapped
+        )
         return wide, wide.scene.unknowns(mapped(wide.body))
 
 
 def build(
     unit: Unit,
-    level: int | unit_mesh.Sizes = 1,
+    meshing: Meshing = Meshing(),
+    physics: Physics = Physics(),
+    supports: Supports = Supports(),
     *,
-    growth: str = "uniaxial",
-    effects: Sequence[str] = EFFECTS,
-    mirrors: Sequence[str] = ("x", "y"),
-    upright: bool = True,
-    element: str = "hex27",
-    grading: float | None = None,
-    curls: bool | None = None,
-    stiffening: Callable[[float], float] | None = None,
-    barrier: str = "surface",
-    body: Body | None = None,
-    deadline: float | None = None,
-    clock: dict[str, list[float]] | None = None,
-    at: Callable[[Body], np.ndarray] | None = None,
+    watch: Watch = Watch(),
+    about: Callable[[Body], np.ndarray] | None = None,
 ) -> Model:
-    """Model of a unit.
+    """Model of a unit, see :mod:`solver.cases.unit.choices` for what may be chosen.
 
-    ``level``: fineness of the mesh, see :mod:`solver.cases.unit.mesh`. ``effects``: of ("gravity",
-    "ground", "contact"); weight needs the ground, and contact of the panels, in the mirror plane
-    between them, needs that plane. ``upright``: hold the unit against toppling (rows on its
-    rotations) where mirror planes don't; otherwise all of its surface may touch the ground.
-    ``grading``: size of Gmsh's tetrahedra over the local thickness (tet4 or tet10), instead of
-    structured elements. ``curls``: whether the mesh resolves curling across the hinge, by default
-    where the growth makes it curl. ``stiffening``: factor on E_i as a function of e (§4.8.4).
-    ``barrier``: "surface", or "exponential" for the dissertation's (Eq. 4.5). ``body``: a mesh of
-    one's own, with sub-domains "passive" and "active". ``deadline``: ``time.monotonic()`` at which
-    any iteration is broken off. ``clock`` keeps each term's evaluations and seconds. ``at`` gives
-    the displacement (nodes, 3) about which rows hold rotations.
+    Contact of the panels, in the mirror plane between them, needs that plane. ``about`` gives the
+    displacement (nodes, 3) of a body about which rows hold rotations, zeros by default.
 
-    Raises ValueError for names that are not there and what mesh and terms refuse.
+    Raises ValueError for contact without its mirror plane and what mesh and terms refuse.
     """
-    if growth not in GROWTHS:
-        raise ValueError(f"growth {growth!r}; expected one of {', '.join(GROWTHS)}")
-    for effect in effects:
-        if effect not in KNOWN:
-            raise ValueError(f"effect {effect!r}; expected some of {', '.join(KNOWN)}")
-    if ("gravity" in effects) != ("ground" in effects):
-        raise ValueError(
-            "weight and ground come together: without ground a weight falls, without weight "
-            "nothing lies on the ground; give both effects or none"
-        )
-    heavy = "gravity" in effects
-    if "contact" in effects and "y" not in mirrors:
+    if "contact" in physics.effects and "y" not in supports.mirrors:
         raise ValueError(
             "the panels' contact is known in the mirror plane between them, and this model is "
             "without it; keep 'y' among the mirrors, or leave the effect 'contact' out"
         )
-    if barrier not in ("surface", "exponential"):
-        raise ValueError(f"barrier {barrier!r}; expected 'surface' or 'exponential'")
-    mirrors = tuple(mirrors)
-    options = {
-        "level": level, "growth": growth, "effects": effects, "mirrors": mirrors,
-        "upright": upright, "element": element, "grading": grading, "curls": curls,
-        "stiffening": stiffening, "barrier": barrier, "body": body, "deadline": deadline,
-        "clock": clock,
-    }  # fmt: skip
-    if grading is not None and body is None:
-        body = unit_mesh.tetrahedra(unit, grading, mirrors=mirrors, element=element)
-    if body is None:
-        body = unit_mesh.mesh(
-            unit, level, mirrors=mirrors, element=element, heavy=heavy,
-            curls=growth != "uniaxial" if curls is None else curls,
-        )  # fmt: skip
-    active = body.cells_of("active")
-    shares = [
-        (lambda e, s=s: -unit.contraction * s(e)) if callable(s) else -unit.contraction * s
-        for s in GROWTHS[growth]
-    ]
-    E = np.where(active, unit.E_ratio, 1.0)
-    if stiffening is not None:
-        E = lambda e: np.where(active, unit.E_ratio * stiffening(e), 1.0)  # noqa: E731
-    terms: list[Term] = [Elastic(body, NeoHookean(E, unit.nu), Orthotropic(shares, cells=active))]
+    body = _body(unit, meshing, physics, supports.mirrors)
+    terms: list[Term] = [_elastic(unit, physics, body)]
     ground = contact = None
-    if heavy:
-        density = np.where(active, unit.rho_ratio, 1.0)
-        terms.append(Gravity(body, density, unit.weight))
-        if barrier == "exponential":
-            ground = GroundExponential(body, length=1.0, modulus=1.0)
-        else:
-            hinge = unit.weight * (unit.slenderness + unit.rho_ratio * unit.active)
-            low = unit.slenderness * 1e-6
-            cut = ["xy".index(m) for m in mirrors]  # planes within the whole unit: nothing touches
-
-            def touching(X):
-                return X[:, 2] < low if upright else (np.abs(X[:, cut]) > 1e-9).all(axis=1)
-
-            surface = body.surface(touching)
-            ground = Ground(body, surface, thickness=unit.slenderness, pressure=hinge)
-        terms.append(ground)
-    if "contact" in effects:
+    if physics.heavy:
+        density = np.where(body.cells_of("active"), unit.rho_ratio, 1.0)
+        ground = _ground(unit, physics, supports, body)
+        terms += [Gravity(body, density, unit.weight), ground]
+    if "contact" in physics.effects:
         contact = _contact(unit, body)
         terms.append(contact)
-    if clock is not None:
-        terms = [Timed(t, clock) for t in terms]
-    fixed, rows = _supports(body, mirrors, heavy, upright, at)
+    if watch.clock is not None:
+        terms = [Timed(t, watch.clock) for t in terms]
+    u = np.zeros_like(body.nodes) if about is None else about(body)
+    fixed, rows = _held(body, supports, physics.heavy, u)
     scene = Scene(body, terms, fixed=fixed, rows=rows)
-    if deadline is not None:
+    if watch.deadline is not None:
         # Scales are an evaluation too, and a model must come of it however late it is.
-        terms.append(Deadline(deadline))
+        terms.append(Deadline(watch.deadline))
         scene = Scene(body, terms, fixed=fixed, rows=rows, scales=scene.scales)
+    lines = Curves(unit, body, supports.mirrors)
     return Model(
-        unit, body, tuple(terms), growth, mirrors, upright, scene, ground, contact, options
+        unit, meshing, physics, supports, watch, body, tuple(terms), scene, ground, contact, lines
     )
+
+
+def _body(unit: Unit, meshing: Meshing, physics: Physics, mirrors: tuple[str, ...]) -> Body:
+    if meshing.body is not None:
+        return meshing.body
+    if meshing.grading is not None:
+        return unit_mesh.tetrahedra(unit, meshing.grading, mirrors=mirrors, element=meshing.element)
+    curls = physics.growth != "uniaxial" if meshing.curls is None else meshing.curls
+    return unit_mesh.mesh(
+        unit, meshing.level, mirrors=mirrors, element=meshing.element, heavy=physics.heavy,
+        curls=curls,
+    )  # fmt: skip
+
+
+def _elastic(unit: Unit, physics: Physics, body: Body) -> Elastic:
+    active = body.cells_of("active")
+    strains = [
+        (lambda e, s=s: -unit.contraction * s(e)) if callable(s) else -unit.contraction * s
+        for s in GROWTHS[physics.growth]
+    ]
+    E = np.where(active, unit.E_ratio, 1.0)
+    stiffening = physics.stiffening
+    if stiffening is not None:
+        E = lambda e: np.where(active, unit.E_ratio * stiffening(e), 1.0)  # noqa: E731
+    return Elastic(body, NeoHookean(E, unit.nu), Orthotropic(strains, cells=active))
+
+
+def _ground(
+    unit: Unit, physics: Physics, supports: Supports, body: Body
+) -> Ground | GroundExponential:
+    if physics.barrier == "exponential":
+        return GroundExponential(body, length=1.0, modulus=1.0)
+    hinge = unit.weight * (unit.slenderness + unit.rho_ratio * unit.active)
+    low = unit.slenderness * 1e-6
+    # Planes within the whole unit: nothing touches.
+    cut = ["xy".index(m) for m in supports.mirrors]
+
+    def touching(X):
+        return X[:, 2] < low if supports.upright else (np.abs(X[:, cut]) > 1e-9).all(axis=1)
+
+    return Ground(body, body.surface(touching), thickness=unit.slenderness, pressure=hinge)
 
 
 def _contact(unit: Unit, body: Body) -> Ground:
@@ -292,18 +257,18 @@ def foot(body: Body, at=(0.0, 0.0, 0.0)) -> np.ndarray:
     return np.array([np.argmin(np.linalg.norm(body.nodes - at, axis=1))])
 
 
-def _supports(body, mirrors, heavy, upright, at):
-    axes = ["xy".index(m) for m in mirrors]
+def _held(body: Body, supports: Supports, heavy: bool, u: np.ndarray):
+    """Fixed components and rows; the rows hold rotations about the displacement u."""
+    axes = ["xy".index(m) for m in supports.mirrors]
     fixed = [Fixed(plane(body, axis), np.eye(3)[axis]) for axis in axes]
     free = [axis for axis in (0, 1) if axis not in axes]
     if not heavy:
         # No force needs a support: one node holds the height.
         fixed.append(Fixed(foot(body), [0, 0, 1]))
-    u = np.zeros_like(body.nodes) if at is None else at(body)
     rows = [translation_row(body, axis) for axis in free]
     # A mirror plane normal to one axis forbids rotations about the other two.
     turns = {0: 1 not in axes, 1: 0 not in axes, 2: not axes}
     for axis, loose in turns.items():
-        if loose and (axis == 2 or upright or not heavy):
+        if loose and (axis == 2 or supports.upright or not heavy):
             rows.append(turning_row(body, axis, u))
     return fixed, rows

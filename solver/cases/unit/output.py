@@ -7,7 +7,7 @@ written on the whole mesh that belongs to the one it was solved on.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -44,11 +44,12 @@ def write_path(path: str | Path, shapes: Sequence[Shape]) -> list[float]:
             model = shape.model
             whole = model
             near, signs = slice(None), 1.0
-            if model.mirrors or model.options["clock"] is not None:
+            if model.mirrors or model.watch.clock is not None:
                 # Without what needs a mirror plane, a limit or a watch: the fields are the same.
-                options = {**model.options, "mirrors": (), "deadline": None, "clock": None}
-                options["effects"] = [t for t in options["effects"] if t != "contact"]
-                whole = build(model.unit, **options)
+                effects = tuple(t for t in model.physics.effects if t != "contact")
+                physics = replace(model.physics, effects=effects)
+                supports = replace(model.supports, mirrors=())
+                whole = build(model.unit, model.meshing, physics, supports)
                 axes = ["xy".index(name) for name in model.mirrors]
                 near, signs = images(model.body, whole.body, axes)
             series = Series(path, whole.body, resume=series is not None)

@@ -14,6 +14,7 @@ from enum import Enum
 
 import numpy as np
 
+from solver.cases.unit.choices import Meshing, Physics, Watch
 from solver.cases.unit.model import Model, build, foot
 from solver.cases.unit.symmetry import CLASSES, Check, Symmetries
 from solver.equilibrium.clock import OutOfTime
@@ -140,15 +141,28 @@ def fold(
     return walk.run(np.zeros(model.scene.size) if start is None else start)
 
 
-def carried(model: Model, x: np.ndarray, e: float, **options) -> tuple[Model, np.ndarray]:
-    """Another model of the same unit with the options of
-    :func:`solver.cases.unit.model.build`, and a state of this one on it as its unknowns."""
+def carried(
+    model: Model,
+    x: np.ndarray,
+    e: float,
+    *,
+    meshing: Meshing | None = None,
+    physics: Physics | None = None,
+    watch: Watch | None = None,
+) -> tuple[Model, np.ndarray]:
+    """Another model of the same unit, and a state of this one on it as its unknowns.
+
+    What is None is this model's own, as its supports are.
+    """
     u = model.scene.displacement(x, e)
 
     def mapped(body):
         return model.body.interpolation(body.nodes) @ u
 
-    other = build(model.unit, **{**options, "at": mapped})
+    other = build(
+        model.unit, meshing or model.meshing, physics or model.physics, model.supports,
+        watch=watch or model.watch, about=mapped,
+    )  # fmt: skip
     start = mapped(other.body)
     if isinstance(other.ground, Ground):
         # Between this mesh's contact points the sheet may lie below the floor.
@@ -174,15 +188,16 @@ def refined(
 
     None where the body went elsewhere (a curve by more than a tenth of the sheet), or found no
     stable state nearby: then the path itself must be followed there. ``deadline``: as in
-    :func:`solver.cases.unit.model.build`.
+    :class:`solver.cases.unit.choices.Watch`.
     """
     begun = time.monotonic()
     model, x, last = folding.model, folding.x, folding.last
     if earlier:
         (model, x), last = folding.before, folding.states[-2]
-    options = {**model.options, "body": None, "deadline": deadline, "level": level}
+    meshing = replace(model.meshing, body=None, level=level)
+    watch = replace(model.watch, deadline=deadline)
     try:
-        fine, x = carried(model, x, last.e, **options)
+        fine, x = carried(model, x, last.e, meshing=meshing, watch=watch)
         found = newton(fine.scene, x, last.e, rtol=rtol, max_iterations=25, unstable=0)
         spent = found.iterations
         if not (found.converged and found.system.unstable == 0):
@@ -258,9 +273,12 @@ class _Walk:
         self.iterations = 0
         self.toppled = False
         self.symmetries = Symmetries(model)
+        # The last accepted point; the model and unknowns of it and of the one before.
+        self.last: Point | None = None
+        self.at: tuple[Model, np.ndarray] | None = None
+        self.before: tuple[Model, np.ndarray] | None = None
 
     def run(self, x: np.ndarray) -> Folding:
-        self.last = self.at = self.before = None
         try:
             return self._walk(x)
         except OutOfTime:

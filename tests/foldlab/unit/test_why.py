@@ -14,6 +14,7 @@ from foldlab.labels.solver import SolverSource
 from foldlab.labels.timoshenko import weight_turning
 from foldlab.labels.verdict import FLOOR
 from foldlab.unit import why
+from solver.cases.unit.choices import Meshing, Physics, Watch
 from solver.cases.unit.model import build
 from solver.cases.unit.path import fold
 from solver.cases.unit.unit import Unit
@@ -122,11 +123,11 @@ def test_the_watch_counts_and_is_absent_unless_asked_for(monkeypatch):
     monkeypatch.setattr(Elastic, "evaluate", lambda *a: calls.append(1) or evaluate(*a))
     unit = Unit(**DESIGN)
     clock = {}
-    model = build(unit, 0, effects=(), clock=clock)
+    model = build(unit, Meshing(0), Physics(()), watch=Watch(clock=clock))
     fold(model)
     assert clock["elastic"][0] == len(calls) and clock["elastic"][1] > 0
     assert list(clock) == ["elastic"]
-    plain = build(unit, 0)
+    plain = build(unit, Meshing(0))
     assert [type(t) for t in plain.terms[:2]] == [Elastic, Gravity]
 
 

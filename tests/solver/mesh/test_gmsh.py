@@ -7,6 +7,7 @@ import pytest
 from gmsh_mark import needs_gmsh
 
 from solver.cases.unit import model as folding_unit
+from solver.cases.unit.choices import Meshing, Physics, Supports
 from solver.cases.unit.path import fold
 from solver.mesh.body import Body
 from solver.mesh.gmsh_import import load_gmsh, read
@@ -229,8 +230,8 @@ def test_a_folding_unit_of_graded_tetrahedra_folds_like_that_of_hexahedra():
     }  # fmt: skip
     unit = folding_unit.Unit(**given)
     turned = []
-    for options in ({"level": 1}, {"grading": 1.5, "element": "tet10"}):
-        model = folding_unit.build(unit, effects=(), **options)
+    for meshing in (Meshing(1), Meshing(grading=1.5, element="tet10")):
+        model = folding_unit.build(unit, meshing, Physics(()))
         layers = [model.body.weights[model.body.cells_of(k)].sum() for k in ("passive", "active")]
         assert layers == pytest.approx([0.03 * (0.7 * 0.3 + 0.3 * 0.18) / 4, 0.03 * 0.3 * 0.18 / 4])
         curve = fold(model).last.curves[0]
@@ -239,7 +240,11 @@ def test_a_folding_unit_of_graded_tetrahedra_folds_like_that_of_hexahedra():
     assert turned[1] == pytest.approx(turned[0], rel=0.03)
     with pytest.raises(ValueError, match="give one of the whole unit"):
         model.widened(("y",), np.zeros(model.scene.size), 0.0)
-    whole = folding_unit.build(unit, effects=(), grading=2.0, element="tet4", mirrors=())
+    whole = folding_unit.build(
+        unit, Meshing(grading=2.0, element="tet4"), Physics(()), Supports(())
+    )
     assert whole.body.weights.sum() == pytest.approx(4 * sum(layers))
     with pytest.raises(ValueError, match="hexahedra only"):
-        folding_unit.build(folding_unit.Unit(**given, strips=2), grading=2.0, element="tet4")
+        folding_unit.build(
+            folding_unit.Unit(**given, strips=2), Meshing(grading=2.0, element="tet4")
+        )

@@ -13,6 +13,7 @@ from solver.cases.tissue import furrow, neural_tube
 from solver.cases.tissue.model import Tissue, ramp
 from solver.cases.unit import model as folding_unit
 from solver.cases.unit import problem_p
+from solver.cases.unit.choices import Meshing
 from solver.cases.unit.unit import Unit
 from solver.equilibrium.scene import Scene
 from solver.mesh.body import Body
@@ -193,7 +194,7 @@ def test_a_unit_on_the_ground_sags_as_its_hinge_relaxes():
         E_ratio=0.1, rho_ratio=1.0, hinge_length=0.25, hinge_width=1.0, h_ratio=5.0,
         stiffness_to_weight=0.1, aspect=0.2, slenderness=4e-3, contraction=0.1,
     )  # fmt: skip
-    model = folding_unit.build(unit, 0, element="hex20")
+    model = folding_unit.build(unit, Meshing(0, "hex20"))
     hinge = model.body.cells_where(lambda X: np.abs(X[:, 1]) < unit.hinge_length / 2)
     E = np.where(model.body.cells_of("active"), unit.E_ratio, 1.0)
     scene = softened(model.scene, SLS(0.5 * E, 0.5 * E, 0.3, 0.5 * E), dt=1e-3, cells=hinge)

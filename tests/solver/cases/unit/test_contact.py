@@ -8,6 +8,7 @@ from proofs import BODIES, ELEMENTS, prove, state
 from scipy.optimize import brentq
 
 from foldlab.labels.solver import SolverSource
+from solver.cases.unit.choices import Meshing, Physics, Supports
 from solver.cases.unit.model import build
 from solver.cases.unit.path import Ending, carried, fold, refined
 from solver.cases.unit.symmetry import CLASSES, Check, Symmetries
@@ -22,7 +23,7 @@ P = Unit(
 
 @pytest.fixture(scope="module")
 def closed():
-    return fold(build(P, 0, effects=("contact",)))
+    return fold(build(P, Meshing(0), Physics(("contact",))))
 
 
 @pytest.mark.parametrize("axis", [0, 1])
@@ -56,7 +57,7 @@ def test_panels_stop_where_rigid_ones_on_an_arc_would_meet(closed):
     assert turned[first - 1] < meet * 1.002
     assert turned[first] == pytest.approx(meet, rel=0.02)
     assert all(touching[first:])
-    free = fold(build(P, 0, effects=()))
+    free = fold(build(P, Meshing(0), Physics(())))
     assert _turning(free.last) > 1.1 * meet > 1.05 * _turning(closed.last)
     # No panel is deeper in the other than a tenth of its thickness.
     assert min(s.clearance for s in closed.states) > -0.1 * P.slenderness
@@ -73,7 +74,7 @@ def test_a_closed_state_is_found_again_on_a_finer_mesh(closed):
     assert fine is not None
     # Of the thickness: the panels' faces touch on either mesh.
     assert abs(fine.last.clearance - closed.last.clearance) < 0.05 * P.slenderness
-    model, x = carried(closed.model, closed.x, 1.0, **{**closed.model.options, "level": 1})
+    model, x = carried(closed.model, closed.x, 1.0, meshing=Meshing(1))
     assert np.isfinite(model.scene.energy(x, 1.0))
 
 
@@ -82,7 +83,7 @@ def test_panels_that_move_alike_do_not_feel_each_other(closed):
     # count is that of the same state without contact, while the even class feels it.
     model, x = closed.model, closed.x
     assert not [c for c in closed.last.checks if c.held]
-    bare = build(P, 0, effects=())
+    bare = build(P, Meshing(0), Physics(()))
     stiffness = {
         kept: scene.evaluate(model.scene.displacement(x, 1.0), 1.0).stiffness
         for kept, scene in Symmetries(model)._scenes.items()
@@ -97,23 +98,23 @@ def test_panels_that_move_alike_do_not_feel_each_other(closed):
 
 
 def test_contact_is_absent_unless_asked_for(monkeypatch):
-    model = build(P, 0, effects=())
+    model = build(P, Meshing(0), Physics(()))
     assert model.contact is None and model.effects == ("elastic",)
-    assert build(P, 0, effects=("contact",)).effects == ("elastic", "contact")
-    heavy = build(P, 0, effects=("gravity", "ground", "contact"))
+    assert build(P, Meshing(0), Physics(("contact",))).effects == ("elastic", "contact")
+    heavy = build(P, Meshing(0), Physics(("gravity", "ground", "contact")))
     assert heavy.effects == ("elastic", "gravity", "ground", "contact")
     monkeypatch.setattr(Ground, "__init__", lambda *a, **k: pytest.fail("a wall was built"))
-    fold(build(replace(P, contraction=0.01), 0, effects=()))
+    fold(build(replace(P, contraction=0.01), Meshing(0), Physics(())))
 
 
 def test_contact_needs_the_plane_between_the_panels():
     with pytest.raises(ValueError, match="keep 'y' among the mirrors"):
-        build(P, 0, effects=("contact",), mirrors=("x",))
+        build(P, Meshing(0), Physics(("contact",)), Supports(("x",)))
 
 
 def test_a_unit_that_loses_the_plane_ends_with_that_reason(monkeypatch):
     monkeypatch.setattr(Symmetries, "check", lambda self, x, e: [Check(("x",), int(e > 0.2), 0)])
-    found = fold(build(P, 0, effects=("contact",)))
+    found = fold(build(P, Meshing(0), Physics(("contact",))))
     assert found.ending is Ending.APART and found.states
     assert found.last.e < 0.5
 

@@ -12,11 +12,11 @@ import pytest
 from foldlab.labels import foldability
 from foldlab.labels.timoshenko import lift_off_stiffness
 from solver.cases.unit import mesh as unit_mesh
-from solver.cases.unit import model as folding_unit
+from solver.cases.unit.choices import Meshing, Physics, Supports, Watch
 from solver.cases.unit.model import build
 from solver.cases.unit.path import Ending, fold, refined
 from solver.cases.unit.symmetry import Check, Symmetries
-from solver.cases.unit.unit import Unit
+from solver.cases.unit.unit import EFFECTS, Unit
 from solver.equilibrium.newton import Outcome
 from solver.equilibrium.scene import Scene
 from solver.mesh.body import Body
@@ -101,7 +101,7 @@ def test_weight_is_what_the_groups_say():
     unit = replace(NARROW, stiffness_to_weight=0.05)
     # Γ = E_s h_s²/(ρ_s g l_s³)
     assert unit.slenderness**2 / unit.weight == pytest.approx(0.05)
-    model = build(unit, 0, mirrors=())
+    model = build(unit, Meshing(0), supports=Supports(()))
     gravity = next(term for term in model.terms if term.name == "gravity")
     down = gravity.weights(0.0).sum(axis=0)
     hinge = unit.hinge_length * unit.width
@@ -111,10 +111,10 @@ def test_weight_is_what_the_groups_say():
 
 
 def test_absent_effects_are_absent():
-    assert build(P, 0, effects=()).effects == ("elastic",)
-    assert build(P, 0).effects == ("elastic", "gravity", "ground")
+    assert build(P, Meshing(0), Physics(())).effects == ("elastic",)
+    assert build(P, Meshing(0)).effects == ("elastic", "gravity", "ground")
     with pytest.raises(ValueError, match="come together"):
-        build(P, 0, effects=("gravity",))
+        build(P, Meshing(0), Physics(("gravity",)))
 
 
 # -- without weight ------------------------------------------------------------------------------
@@ -122,14 +122,14 @@ def test_absent_effects_are_absent():
 
 @pytest.mark.parametrize("g, want", [(0.1, 1.239), (0.2, 2.491), (0.3, 3.772)])
 def test_problem_p_folds_by_the_converged_angle(g, want):
-    found = reached(build(replace(P, contraction=g), 1, effects=()))
+    found = reached(build(replace(P, contraction=g), Meshing(1), Physics(())))
     assert angle(found) == pytest.approx(want, rel=2e-3)
     assert found.happenings == ()
 
 
 def test_angles_of_a_path_are_those_of_less_contraction():
-    half = reached(build(replace(P, contraction=0.15), 0, effects=()))
-    found = fold(build(P, 0, effects=()), stop=lambda state: state.e >= 0.5)
+    half = reached(build(replace(P, contraction=0.15), Meshing(0), Physics(())))
+    found = fold(build(P, Meshing(0), Physics(())), stop=lambda state: state.e >= 0.5)
     m1 = [foldability.measure(s.curves, P.hinge_length).m1 for s in found.states]
     e = [s.e for s in found.states]
     between = np.polynomial.Polynomial.fit(e, m1, 3)(0.5)
@@ -138,7 +138,7 @@ def test_angles_of_a_path_are_those_of_less_contraction():
 
 @pytest.mark.parametrize("mirrors", PLANES[:3])
 def test_mirror_planes_change_nothing(mirrors):
-    models = [build(P, COARSE, effects=(), mirrors=m) for m in (("x", "y"), mirrors)]
+    models = [build(P, Meshing(COARSE), Physics(()), Supports(m)) for m in (("x", "y"), mirrors)]
     quarter, other = (reached(m) for m in models)
     assert angle(other) == pytest.approx(angle(quarter), rel=1e-6)
     assert np.abs(shapes(other) - shapes(quarter)).max() < 1e-6
@@ -155,12 +155,12 @@ def shapes(folding):
 
 
 def test_stiffening_acts():
-    want = angle(reached(build(replace(P, E_ratio=0.2), 0, effects=())))
-    plain = angle(reached(build(P, 0, effects=())))
+    want = angle(reached(build(replace(P, E_ratio=0.2), Meshing(0), Physics(()))))
+    plain = angle(reached(build(P, Meshing(0), Physics(()))))
     assert abs(plain - want) > 0.1
     for factor in (lambda e: 2.0, lambda e: 1 + e):
         # An elastic state does not remember on what way it was reached.
-        found = reached(build(P, 0, effects=(), stiffening=factor))
+        found = reached(build(P, Meshing(0), Physics((), stiffening=factor)))
         assert angle(found) == pytest.approx(want, rel=1e-6)
 
 
@@ -180,7 +180,7 @@ def counted(model, x, e, *, free=False):
 
 
 def test_four_classes_have_all_modes_of_the_whole_when_it_topples():
-    model = build(HEAVY, 0)
+    model = build(HEAVY, Meshing(0))
     found = fold(model, stop=lambda state: state.topples)
     assert found.ending is Ending.STOPPED
     last = found.last
@@ -194,7 +194,7 @@ def test_four_classes_have_all_modes_of_the_whole_when_it_topples():
 
 def test_rows_hold_a_unit_upright_however_far_it_has_folded():
     # Folded by half a turn its panels stand side by side, far from the arms of the flat sheet.
-    model = build(replace(HEAVY, stiffness_to_weight=1.0, contraction=0.22), COARSE)
+    model = build(replace(HEAVY, stiffness_to_weight=1.0, contraction=0.22), Meshing(COARSE))
     found = reached(model)
     assert angle(found) > np.pi and found.last.topples
     assert counted(model, found.x, 1.0) == 0
@@ -202,7 +202,7 @@ def test_rows_hold_a_unit_upright_however_far_it_has_folded():
 
 
 def test_four_classes_have_all_modes_of_the_whole_past_a_twist():
-    model = build(P, COARSE, effects=(), growth="isotropic")
+    model = build(P, Meshing(COARSE), Physics((), growth="isotropic"))
     steps = LoadSteps(rtol=1e-6, step=0.1)
     counts = []
     for e in (0.2, 0.45):
@@ -221,7 +221,7 @@ def test_four_classes_have_all_modes_of_the_whole_past_a_twist():
 
 
 def test_a_lost_symmetry_is_named_and_what_comes_after_is_stable():
-    model = build(P, COARSEST, effects=(), growth="isotropic")
+    model = build(P, Meshing(COARSEST), Physics((), growth="isotropic"))
     found = fold(model, stop=lambda state: len(state.checks) < 4)
     assert found.ending is Ending.STOPPED
     first = found.happenings[0]
@@ -237,7 +237,7 @@ def test_a_lost_symmetry_is_named_and_what_comes_after_is_stable():
 
 @pytest.mark.parametrize("mirrors", PLANES[:3])
 def test_a_widened_state_is_the_same_state(mirrors):
-    model = build(HEAVY, COARSE)
+    model = build(HEAVY, Meshing(COARSE))
     found = fold(model, stop=lambda state: state.e > 0.3)
     e = found.last.e
     wide, x = model.widened(mirrors, found.x, e)
@@ -253,7 +253,7 @@ def test_a_widened_state_is_the_same_state(mirrors):
 
 def test_a_mesh_of_ones_own_is_not_widened():
     own = unit_mesh.mesh(P, 0, mirrors=("x", "y"))
-    model = build(P, effects=(), body=own)
+    model = build(P, Meshing(body=own), Physics(()))
     with pytest.raises(ValueError, match="whole unit"):
         model.widened((), np.zeros(model.scene.size), 0.0)
 
@@ -265,7 +265,7 @@ def test_a_mesh_of_ones_own_is_not_widened():
     "unit", [HEAVY, replace(NARROW, stiffness_to_weight=10.0), replace(P, h_ratio=0.3)]
 )
 def test_at_rest_the_ground_carries_the_weight(unit):
-    model = build(unit, 0)
+    model = build(unit, Meshing(0))
     found = fold(model, stop=lambda state: True)
     assert found.last.e == 0 and found.last.unstable == 0
     u = model.scene.displacement(found.x, 0.0)
@@ -281,9 +281,9 @@ def test_at_rest_the_ground_carries_the_weight(unit):
 
 def test_a_unit_that_does_not_topple_need_not_be_held():
     unit = replace(HEAVY, stiffness_to_weight=0.02, contraction=0.11)
-    quarter = reached(build(unit, COARSE))
+    quarter = reached(build(unit, Meshing(COARSE)))
     assert not quarter.last.topples
-    free = reached(build(unit, COARSE, mirrors=(), upright=False))
+    free = reached(build(unit, Meshing(COARSE), supports=Supports((), upright=False)))
     own = unit.hinge_length
     a, b = (foldability.measure(f.last.curves, own) for f in (quarter, free))
     assert a.hinge > 1
@@ -317,7 +317,7 @@ def test_rigid_panels_lift_off_where_the_closed_form_says():
     tips = {}
     for share in (0.85, 1.15, 2.0):
         unit = Unit(**groups, stiffness_to_weight=share * least)
-        found = reached(build(unit, body=thick_panels(unit, times)))
+        found = reached(build(unit, Meshing(body=thick_panels(unit, times))))
         tips[share] = found.last.tip
         hinge = foldability.measure(found.last.curves, unit.hinge_length).hinge / 2
     assert tips[0.85] < 0.1 * unit.slenderness < unit.slenderness < tips[1.15]
@@ -329,12 +329,12 @@ def test_rigid_panels_lift_off_where_the_closed_form_says():
 # -- how it is followed --------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("effects", [(), folding_unit.EFFECTS])
+@pytest.mark.parametrize("effects", [(), EFFECTS])
 def test_a_refined_state_is_the_end_of_the_path_on_that_mesh(effects):
     unit = replace(HEAVY, stiffness_to_weight=1.0, contraction=0.2)
-    coarse = reached(build(unit, 0, effects=effects))
+    coarse = reached(build(unit, Meshing(0), Physics(effects)))
     fine = refined(coarse, 1)
-    path = reached(build(unit, 1, effects=effects))
+    path = reached(build(unit, Meshing(1), Physics(effects)))
     assert abs(angle(coarse) - angle(path)) > 1e-4
     assert angle(fine) == pytest.approx(angle(path), rel=1e-5)
     assert fine.model.scene.size == path.model.scene.size
@@ -343,13 +343,13 @@ def test_a_refined_state_is_the_end_of_the_path_on_that_mesh(effects):
 
 def test_a_mesh_of_ones_own_is_refined_to_the_level_that_is_asked_for():
     own = unit_mesh.mesh(P, 0, mirrors=("x", "y"))
-    found = reached(build(replace(P, contraction=0.1), effects=(), body=own))
+    found = reached(build(replace(P, contraction=0.1), Meshing(body=own), Physics(())))
     assert len(refined(found, 1).model.body.nodes) > len(own.nodes)
 
 
 def test_a_deadline_ends_the_path_with_what_it_has():
     begun = time.monotonic()
-    model = build(HEAVY, 1, mirrors=(), deadline=begun + 1.0)
+    model = build(HEAVY, Meshing(1), supports=Supports(()), watch=Watch(deadline=begun + 1.0))
     found = fold(model)
     assert time.monotonic() - begun < 2.5
     assert found.ending is Ending.TIMEOUT
@@ -359,8 +359,8 @@ def test_a_deadline_ends_the_path_with_what_it_has():
 def test_a_fold_stays_when_it_is_released_to_contract_in_all_directions():
     # Within quarter symmetry: about 3.3 rad at g = −0.2, by another code; from flat 0.5.
     unit = replace(P, contraction=0.2)
-    first = reached(build(unit, COARSE, effects=(), curls=True))
-    release = build(unit, COARSE, effects=(), growth="release")
+    first = reached(build(unit, Meshing(COARSE, curls=True), Physics(())))
+    release = build(unit, Meshing(COARSE), Physics((), growth="release"))
     steps = LoadSteps(rtol=1e-6, step=0.1)
     path = trace(release.scene, first.x, steps, max_steps=60, events=False)
     assert path.reached and path.last.unstable == 0
@@ -375,7 +375,7 @@ def test_a_path_that_ends_while_it_loses_a_symmetry_ends_in_its_last_state(monke
         return begin(self, scene, x, e, sign) if e == 0 else Outcome.NO_STABLE_STATE
 
     monkeypatch.setattr(Settle, "begin", lost)
-    found = fold(build(P, COARSEST, effects=(), growth="isotropic"))
+    found = fold(build(P, Meshing(COARSEST), Physics((), growth="isotropic")))
     assert found.ending is Ending.LOST and found.detail == Outcome.NO_STABLE_STATE.value
     assert found.model.mirrors == ("x", "y")
     assert found.model.curves(found.x, found.last.e) == pytest.approx(found.last.curves)
@@ -383,8 +383,8 @@ def test_a_path_that_ends_while_it_loses_a_symmetry_ends_in_its_last_state(monke
 
 def test_a_noisy_path_on_arc_length_lands_on_the_contraction():
     unit = replace(P, contraction=0.06)
-    want = angle(reached(build(unit, COARSEST, effects=())))
-    whole = build(unit, COARSEST, effects=(), mirrors=())
+    want = angle(reached(build(unit, Meshing(COARSEST), Physics(()))))
+    whole = build(unit, Meshing(COARSEST), Physics(()), Supports(()))
     steps, arcs = (reached(whole, noise=(1e-3, 1), arc=arc) for arc in (False, True))
     for found in (steps, arcs):
         assert found.last.e == 1.0 and angle(found) == pytest.approx(want, rel=1e-6)
@@ -401,7 +401,7 @@ def test_a_fall_that_finds_no_end_is_tried_again_a_step_on(monkeypatch, failures
         return [Check(("x",), int(e > 0.2), 0)] if len(self.model.mirrors) == 2 else []
 
     monkeypatch.setattr(Symmetries, "check", check)
-    plain = reached(build(P, 0, effects=()))
+    plain = reached(build(P, Meshing(0), Physics(())))
     begin, failed = Settle.begin, []
 
     def creeps(self, scene, x, e, sign):
@@ -411,7 +411,7 @@ def test_a_fall_that_finds_no_end_is_tried_again_a_step_on(monkeypatch, failures
         return begin(self, scene, x, e, sign)
 
     monkeypatch.setattr(Settle, "begin", creeps)
-    found = fold(build(P, 0, effects=()))
+    found = fold(build(P, Meshing(0), Physics(())))
     loads = [s.e for s in found.states]
     assert not set(failed) & set(loads) and sorted(failed) == failed
     if failures > 2:
@@ -427,6 +427,6 @@ def test_a_fall_that_finds_no_end_is_tried_again_a_step_on(monkeypatch, failures
 
 def test_arc_length_without_noise_is_refused():
     # It was silently ignored.
-    model = build(P, 0)
+    model = build(P, Meshing(0))
     with pytest.raises(ValueError, match="arc=True without noise"):
         fold(model, arc=True)
