@@ -101,6 +101,46 @@ def test_every_folder_is_small():
         assert len([p for p in FILES if p.parent == folder]) <= 15, folder
 
 
+def spelled_endings(tree):
+    """Lines that compare the name or sentence of an ending with a string."""
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Compare):
+            parts = [part for side in (node.left, *node.comparators) for part in ast.walk(side)]
+            words = [p for p in parts if isinstance(p, ast.Constant) and isinstance(p.value, str)]
+            owners = [
+                ast.unparse(p.value).split(".")[-1]
+                for p in parts
+                if isinstance(p, ast.Attribute) and p.attr in ("name", "value")
+            ]
+            if words and {"ending", "outcome"} & set(owners):
+                yield node.lineno
+
+
+def test_endings_are_read_as_a_type():
+    wrong = [
+        f"{path.relative_to(ROOT)}:{line}"
+        for path in FILES
+        for line in spelled_endings(ast.parse(path.read_text()))
+    ]
+    assert not wrong, f"compare the ending with a member of its enum in {', '.join(wrong)}"
+
+
+@pytest.mark.parametrize(
+    "line, wrong",
+    [
+        ('folding.ending.name == "REACHED"', True),
+        ('"TIMEOUT" != run.folding.ending.name', True),
+        ('path.outcome.name.lower() in ("reached", "stopped")', True),
+        ('ending.value == "the time allowed was used up"', True),
+        ("folding.ending is Ending.REACHED", False),
+        ('self.name == "x"', False),
+        ('label["outcome"] == "folds"', False),
+    ],
+)
+def test_the_ending_test_sees_comparisons(line, wrong):
+    assert bool(list(spelled_endings(ast.parse(line)))) is wrong
+
+
 def test_the_arrow_test_sees_imports(tmp_path):
     probe = tmp_path / "probe.py"
     probe.write_text("import solver.mesh.body\ndef f():\n    from foldlab.design import FULL\n")

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from solver.cases.unit.output import Shape
-from solver.cases.unit.path import Folding
+from solver.cases.unit.path import Ending, Folding
 
 
 @dataclass(frozen=True, eq=False)
@@ -26,7 +26,12 @@ class Run:
     @property
     def settled(self) -> bool:
         """Whether it ended in a stable state that answers the question."""
-        return self.folding.ending.name == "REACHED" or self.closed
+        return self.folding.ending is Ending.REACHED or self.closed
+
+    @property
+    def timed_out(self) -> bool:
+        """Whether the time allowed ended it."""
+        return self.folding.ending is Ending.TIMEOUT
 
     @property
     def measures(self) -> dict[str, float]:

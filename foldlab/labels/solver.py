@@ -258,7 +258,7 @@ class SolverSource:
         noise = None if self.seed is None else (1e-3, self.seed)
         steps = {"rtol": self.plan.tolerance, "turn": self.plan.turn}
         folding = unit_path.fold(model, stop=closed, noise=noise, on_state=seen, **steps)
-        if self.question == "exists" and folding.ending.name == "REACHED":
+        if self.question == "exists" and folding.ending is unit_path.Ending.REACHED:
             before = len(history)
             model, start = unit_path.carried(
                 folding.model, folding.x, 1.0, physics=replace(physics, growth="release")
@@ -266,7 +266,7 @@ class SolverSource:
             folding = unit_path.fold(model, start, stop=closed, noise=noise, on_state=seen, **steps)
             for row in history[before:]:
                 row["contraction"] = unit.contraction
-        return Run(folding, history, folding.ending.name == "STOPPED", shapes)
+        return Run(folding, history, folding.ending is unit_path.Ending.STOPPED, shapes)
 
     def _enough(self, design: Mapping[str, float], run: Run) -> bool:
         """Whether the path on the coarsest mesh needs no second one."""

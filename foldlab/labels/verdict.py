@@ -88,7 +88,7 @@ def judge(
         foldable, outcome, reason = verdict(design, run.history, tags, events, run.closed)
         evidence["outcome"] = outcome
     unsure = not run.history or (run.settled and error is None and not foldable)
-    unsure = unsure and folding.ending.name != "TIMEOUT"
+    unsure = unsure and not run.timed_out
     crushed = _crushing(design) if unsure else 0.0
     if crushed:
         foldable, evidence["outcome"] = False, "crushed"
