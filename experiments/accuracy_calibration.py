@@ -93,7 +93,8 @@ def one(source: SolverSource, design, config: Config) -> dict[str, Any]:
         return row
     m1 = foldability.measure(finer.last.curves, design["hinge_length"]).m1
     have = path.history[-2 if closed else -1]
-    row["true"] = abs(m1 - have["m1"]) / max(abs(m1), np.pi * have["contraction"], 1e-9)
+    scale = max(float(source.thresholds.scale(m1, have["contraction"])), 1e-9)
+    row["true"] = abs(m1 - have["m1"]) / scale
     return row
 
 

@@ -21,6 +21,7 @@ from experiments.common import main, save_figure
 from foldlab.datasets import load_dataset
 from foldlab.design import FULL
 from foldlab.errors import InputError
+from foldlab.labels.foldability import Thresholds
 from foldlab.labels.solver import SolverSource
 from foldlab.learning.features import probability_of_folding
 from foldlab.learning.operating_point import at_rate
@@ -60,7 +61,7 @@ TINY = Config(
 def run(config: Config, tracker) -> dict[str, Any]:
     path = config.dataset
     table = read_table(path) if path.endswith(".parquet") else load_dataset(path)
-    table["threshold"] = np.pi
+    table["threshold"] = Thresholds().turning
     uniaxial = table[table["growth"] == "uniaxial"]
     if config.limit:
         uniaxial = uniaxial.head(config.limit)

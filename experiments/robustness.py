@@ -132,7 +132,7 @@ def follow(groups: dict[str, float], effects, growth: str, config: Config) -> di
 
     def stop(state) -> bool:
         m = foldability.measure(state.curves, unit.hinge_length)
-        return abs(m.m1) >= 2 * np.pi or m.m2 >= np.pi
+        return bool(foldability.Thresholds().closed(m.m1, m.m2))
 
     model = build(
         unit,

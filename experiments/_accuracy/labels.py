@@ -152,7 +152,7 @@ def mixing(table: pd.DataFrame, coarse: pd.DataFrame, fine: pd.DataFrame) -> lis
     settled = coarse["error_estimate"].notna()
     # Labels that cost nothing more than the coarse path, for they ended with it.
     extra = (pace * there["core_seconds"] - coarse["core_seconds"]).clip(lower=0)
-    closed = coarse["m1"].ge(2 * np.pi) | coarse["m2"].ge(np.pi)
+    closed = Thresholds().closed(coarse["m1"], coarse["m2"])
     doubt = ~settled | closed | (coarse["unstable_modes"] != 0)
     doubt |= coarse["events"].astype(str).str.contains(ODD)
     rows = []
@@ -190,8 +190,8 @@ def calibration(table: pd.DataFrame, coarse: pd.DataFrame) -> dict[str, Any]:
     )
     reached &= coarse["error_estimate"].notna() & there["error_estimate"].notna()
     a, b = coarse[reached], there[reached]
-    need = np.pi * b["contraction"]
-    along = (a["m1"] - b["m1"]).abs() / np.maximum(b["m1"].abs(), need)
+    need = Thresholds().angle(b["contraction"])
+    along = (a["m1"] - b["m1"]).abs() / Thresholds().scale(b["m1"], b["contraction"])
     off = np.maximum(along, (a["m2"] - b["m2"]).abs() / need)
     slip = np.maximum((a["m3"] - b["m3"]).abs(), (a["m4"] - b["m4"]).abs())
     kept = int((off <= COARSE_ERROR).sum())

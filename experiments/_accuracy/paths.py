@@ -24,6 +24,7 @@ from solver.paths.continuation import trace
 from solver.paths.stable import Settle
 from solver.paths.steppers import ArcLength, LoadSteps
 
+COUNTS = foldability.Thresholds()
 P = "problem P"
 _UNIT = {
     "E_ratio": 0.1, "rho_ratio": 1.0, "hinge_length": 0.25, "hinge_width": 1.0, "h_ratio": 5.0,
@@ -85,7 +86,7 @@ def solved(
         "outcome": folding.ending.name.lower(),
     }
     angle = _angle(folding, design) if reached else None
-    return Solved(angle, np.pi * design["contraction"], row, folding)
+    return Solved(angle, COUNTS.angle(design["contraction"]), row, folding)
 
 
 def _problem_p(element: str, level: int, whole: bool) -> Solved:
@@ -107,7 +108,7 @@ def _problem_p(element: str, level: int, whole: bool) -> Solved:
     angle = None
     if path.reached:
         angle = problem_p.fold_angle(scene, path.last.x, path.last.e)
-    return Solved(angle, np.pi * abs(G), row)
+    return Solved(angle, COUNTS.angle(abs(G)), row)
 
 
 def _angle(folding: unit_path.Folding, design) -> float:

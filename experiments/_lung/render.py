@@ -8,11 +8,11 @@ pictures.
 from __future__ import annotations
 
 import json
-import os
-import subprocess
 import sys
 from collections.abc import Sequence
 from pathlib import Path
+
+from foldlab.unit.render import drawn_apart
 
 COLOURS = "viridis"
 MUSCLE = "#C9A3A0"
@@ -21,9 +21,11 @@ SUBDIVISION = 2  # of quadratic faces into flat ones
 
 
 def pictures(
-    files: Sequence[Path], targets: Sequence[Path], limits: Sequence[tuple[float, float]],
+    files: Sequence[Path],
+    targets: Sequence[Path],
+    limits: Sequence[tuple[float, float]],
     timeout: float = 300.0,
-) -> bool:  # fmt: skip
+) -> bool:
     """Whether another process has drawn each VTU file into its PNG.
 
     The files have the fields "displacement" and "radial" at the points and "layer" in the cells
@@ -33,19 +35,7 @@ def pictures(
     rows = [
         [str(f), str(t), *map(float, c)] for f, t, c in zip(files, targets, limits, strict=True)
     ]
-    request.write_text(json.dumps(rows), encoding="utf-8")
-    root = Path(__file__).parents[2]
-    environment = {**os.environ, "PYTHONPATH": os.pathsep.join([str(root), *sys.path])}
-    try:
-        done = subprocess.run(
-            [sys.executable, "-m", "experiments._lung.render", str(request)],
-            env=environment, capture_output=True, timeout=timeout, check=False,
-        )  # fmt: skip
-    except (OSError, subprocess.TimeoutExpired):
-        return False
-    finally:
-        request.unlink(missing_ok=True)
-    return done.returncode == 0 and all(Path(t).exists() for t in targets)
+    return drawn_apart("experiments._lung.render", rows, request, targets, timeout)
 
 
 def draw(rows: Sequence[Sequence]) -> None:

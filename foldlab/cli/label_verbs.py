@@ -57,6 +57,7 @@ def label(
     --set passes the source's own settings.
     """
     from foldlab.campaign.campaign import run_campaign
+    from foldlab.labels.foldability import THICK_HINGE, thick_hinge
     from foldlab.labels.solver import make_source
     from foldlab.labels.store import LabelStore
 
@@ -67,11 +68,11 @@ def label(
     maker = make_source(source, read_settings(settings or (), config), space=space)
     table = space.validate(table)
     if source == "solver":
-        thick = int((table["h_ratio"] * table["slenderness"] > table["hinge_length"]).sum())
+        thick = int(thick_hinge(table).sum())
         if thick:
             _say(
                 f"warning: {thick} of {len(table)} designs have an active layer thicker than their "
-                "hinge is long: no thin hinges, and the angle of their middle line says little"
+                f"hinge is long: {THICK_HINGE}"
             )
     with ExitStack() as stack:
         store = stack.enter_context(LabelStore(out))

@@ -12,7 +12,6 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
-import numpy as np
 import typer
 
 from foldlab.errors import InputError
@@ -77,6 +76,7 @@ def simulate(
     contraction; rho_ratio and hinge_width are 1 if not given; stiffness_to_weight is needed where
     gravity acts.
     """
+    from foldlab.labels.foldability import THICK_HINGE, thick_hinge
     from foldlab.labels.forecast import forecast
     from foldlab.labels.solver import SolverSource
 
@@ -91,11 +91,10 @@ def simulate(
     )  # fmt: skip
     design = complete(given, heavy=source.heavy)
     source.unit(design)
-    if design["h_ratio"] * design["slenderness"] > design["hinge_length"]:
+    if thick_hinge(design):
         _warn(
             f"the active layer is {design['h_ratio'] * design['slenderness']:.3g} l_s thick and "
-            f"the hinge only {design['hinge_length']:.3g} l_s long: this is no thin hinge, and the "
-            "fold angle of its middle line says little"
+            f"the hinge only {design['hinge_length']:.3g} l_s long: {THICK_HINGE}"
         )
     if not source.heavy and "stiffness_to_weight" in given:
         _warn("stiffness_to_weight acts on nothing without gravity among the effects")
@@ -152,8 +151,11 @@ def rows(result: Mapping[str, Any]) -> list[dict]:
     """The measures against what counts as folded, for the eye."""
     if result["measures"] is None:
         return []
-    need = np.pi * result["design"]["contraction"]
-    limits = [f"> {need:.3g} rad", f"< {need / 2:.3g} rad", "1 ± 0.1", "1 ± 0.1"]
+    from foldlab.labels.foldability import Thresholds
+
+    t, g = Thresholds(), result["design"]["contraction"]
+    limits = [f"> {t.angle(g):.3g} rad", f"< {t.most_across(g):.3g} rad"]
+    limits += [f"1 ± {t.parallel:g}"] * 2
     says = (
         "turning along the sheet", "turning across the hinge", "edge along the middle",
         "other edge along the middle",

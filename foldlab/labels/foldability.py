@@ -42,22 +42,50 @@ class Measures:
 
 @dataclass(frozen=True)
 class Thresholds:
-    """``turning``: α₁ over |g|; ``across``: α₂ over α₁; ``parallel``: of |m3 − 1| and |m4 − 1|."""
+    """``turning``: α₁ over |g|; ``across``: α₂ over α₁; ``parallel``: of |m3 − 1| and |m4 − 1|.
+
+    ``full_turn``: rad along the sheet at which a path is closed, and half of it across the hinge:
+    beyond, a unit would pass through itself.
+    """
 
     turning: float = np.pi
     across: float = 0.5
     parallel: float = 0.1
+    full_turn: float = 2 * np.pi
+
+    def angle(self, contraction):
+        """α₁ in rad, what m1 must exceed; broadcasts."""
+        return contraction * self.turning
+
+    def most_across(self, contraction):
+        """α₂ in rad, what m2 must stay below; broadcasts."""
+        return self.across * self.angle(contraction)
+
+    def scale(self, m1, contraction):
+        """What errors of m1 are relative to, in rad: |m1| or α₁, whichever is larger."""
+        return np.maximum(np.abs(m1), self.angle(contraction))
+
+    def closed(self, m1, m2):
+        """Whether a state has turned fully along the sheet or by half across; broadcasts."""
+        return (np.abs(m1) >= self.full_turn) | (np.asarray(m2) >= self.full_turn / 2)
 
     def tags(self, measures: Measures | Mapping[str, float], contraction: float) -> dict[str, bool]:
         """F1 … F4 at a contraction |g|."""
         m = measures if isinstance(measures, Mapping) else vars(measures)
-        angle = contraction * self.turning
         return {
-            "F1": bool(m["m1"] > angle),
-            "F2": bool(m["m2"] < self.across * angle),
+            "F1": bool(m["m1"] > self.angle(contraction)),
+            "F2": bool(m["m2"] < self.most_across(contraction)),
             "F3": bool(abs(m["m3"] - 1) < self.parallel),
             "F4": bool(abs(m["m4"] - 1) < self.parallel),
         }
+
+
+THICK_HINGE = "this is no thin hinge, and the fold angle of its middle line says little"
+
+
+def thick_hinge(design):
+    """Whether the active layer is thicker than the hinge is long; a design or a table of them."""
+    return design["h_ratio"] * design["slenderness"] > design["hinge_length"]
 
 
 def measure(curves: np.ndarray, hinge_length: float) -> Measures:

@@ -35,11 +35,15 @@ def near(
     ``error``: as :data:`COARSE_ERROR`. One phrase each. None where one tag of F1 … F4 fails by more
     than its error: then the design doesn't fold, whatever the others are.
     """
-    need = contraction * thresholds.turning
     m1, m2 = measures["m1"], measures["m2"]
-    across, most = thresholds.across * need, thresholds.parallel
+    need, across = thresholds.angle(contraction), thresholds.most_across(contraction)
+    most = thresholds.parallel
     rooms = [
-        (m1 - need, error * max(abs(m1), need), f"m1 is {m1:.3g} rad, {need:.3g} needed"),
+        (
+            m1 - need,
+            error * thresholds.scale(m1, contraction),
+            f"m1 is {m1:.3g} rad, {need:.3g} needed",
+        ),
         (across - m2, error * need, f"m2 is {m2:.3g} rad, {across:.3g} allowed"),
     ]
     for name in ("m3", "m4"):

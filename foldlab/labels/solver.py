@@ -12,8 +12,9 @@ import pandas as pd
 
 from foldlab.design import FULL, DesignSpace
 from foldlab.errors import InputError
-from foldlab.labels import foldability, screening
+from foldlab.labels import screening
 from foldlab.labels import verdict as judging
+from foldlab.labels.foldability import Thresholds
 from foldlab.labels.label import Label
 from foldlab.labels.memory import forget_peak
 from foldlab.labels.run import Run
@@ -68,6 +69,7 @@ class SolverSource:
     """
 
     name = "solver"
+    thresholds = Thresholds()
 
     def __init__(
         self,
@@ -180,7 +182,7 @@ class SolverSource:
                     break
                 if not again.settled:
                     break
-                found = again, judging.difference(run, again, groups)
+                found = again, judging.difference(run, again, groups, self.thresholds)
             run, error = found[0], judging.stated(found[1], level)
             levels += 1
             if (
@@ -190,7 +192,13 @@ class SolverSource:
             ):
                 break
         foldable, reason, evidence = judging.judge(
-            groups, run, error, accuracy=self.accuracy, levels=levels, coarse=coarse
+            groups,
+            run,
+            error,
+            self.thresholds,
+            accuracy=self.accuracy,
+            levels=levels,
+            coarse=coarse,
         )
         label = Label(groups, foldable, reason, evidence, self.name, self.version)
         basis = "calibrated" if coarse else "measured"
@@ -208,8 +216,9 @@ class SolverSource:
 
     def _across(self, run: Run, level: int) -> bool:
         """Whether the turning across the hinge decides, and one element is too few to know it."""
-        need = np.pi * run.folding.model.unit.contraction
-        near = abs(run.measures["m2"] - need / 2) < ACROSS * need
+        g = run.folding.model.unit.contraction
+        need = self.thresholds.angle(g)
+        near = abs(run.measures["m2"] - self.thresholds.most_across(g)) < ACROSS * need
         return level < 2 and run.measures["m1"] > need and near and not run.closed
 
     def unit(self, design: Mapping[str, float]) -> Unit:
@@ -247,7 +256,7 @@ class SolverSource:
         def closed(state: State) -> bool:
             row = judging.row_of(state, unit)
             history.append(row)
-            return abs(row["m1"]) >= 2 * np.pi or row["m2"] >= np.pi
+            return bool(self.thresholds.closed(row["m1"], row["m2"]))
 
         growth = "uniaxial" if self.question == "exists" else self.growth
         meshing = Meshing(level, self.plan.element, curls=self.growth == "isotropic")
@@ -273,9 +282,7 @@ class SolverSource:
         if self.refine != "near":
             return self.refine == "never"
         kinds = {h.kind for h in run.folding.happenings}
-        return screening.decided(
-            design, run.history[-1], kinds, run.closed, foldability.Thresholds()
-        )
+        return screening.decided(design, run.history[-1], kinds, run.closed, self.thresholds)
 
     def _refined(self, run: Run, level: int, deadline: float) -> tuple[Run, float] | None:
         """The last state of a run on a finer mesh, after the run's history; and its error.
@@ -297,7 +304,7 @@ class SolverSource:
         row = judging.row_of(finer.last, finer.model.unit)
         before = run.history[-2 if run.closed else -1]
         row["contraction"] = before["contraction"]
-        scale = max(abs(row["m1"]), np.pi * before["contraction"], 1e-9)
+        scale = max(float(self.thresholds.scale(row["m1"], before["contraction"])), 1e-9)
         off = max(abs(row[m] - before[m]) for m in ("m1", "m2")) / scale
         if run.closed:
             return run, off

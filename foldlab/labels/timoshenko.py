@@ -30,6 +30,7 @@ import pandas as pd
 
 from foldlab.design import REDUCED, DesignSpace
 from foldlab.errors import InputError
+from foldlab.labels.foldability import Thresholds
 from foldlab.labels.label import Label
 
 Assumption = Literal["strip", "plane_strain", "plane_strain_isotropic", "plate"]
@@ -136,7 +137,7 @@ class TimoshenkoSource:
         threshold = FULL_TURN
         if "contraction" in table:
             table["fold_angle"] = angle * table["hinge_length"] * table["contraction"]
-            angle, threshold = angle * table["hinge_length"], np.pi
+            angle, threshold = angle * table["hinge_length"], Thresholds().turning
         table["normalised_angle"] = angle
         table["threshold"] = threshold
         table["margin"] = np.log(angle / threshold)

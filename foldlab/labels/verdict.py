@@ -38,6 +38,7 @@ def judge(
     design: Mapping[str, float],
     run: Run,
     error: float | None,
+    thresholds: Thresholds,
     *,
     accuracy: float,
     levels: int,
@@ -49,7 +50,6 @@ def judge(
     whether it is the calibrated one of :mod:`foldlab.labels.screening`; ``levels``: meshes that
     were used.
     """
-    thresholds = foldability.Thresholds()
     folding = run.folding
     evidence = {
         "outcome": folding.ending.name.lower(),
@@ -85,7 +85,9 @@ def judge(
         if last["contraction"] > 0:
             evidence["normalised_angle"] = last["m1"] / last["contraction"]
     if run.settled:
-        foldable, outcome, reason = verdict(design, run.history, tags, events, run.closed)
+        foldable, outcome, reason = verdict(
+            design, run.history, tags, events, run.closed, thresholds
+        )
         evidence["outcome"] = outcome
     unsure = not run.history or (run.settled and error is None and not foldable)
     unsure = unsure and not run.timed_out
@@ -103,10 +105,11 @@ def judge(
         foldable, evidence["outcome"] = None, "unverified"
     elif run.settled and not crushed and error > accuracy:
         m1, m2 = run.measures["m1"], run.measures["m2"]
-        need = np.pi * design["contraction"]
-        slack = error * max(abs(m1), need)
+        need = thresholds.angle(design["contraction"])
+        most = thresholds.most_across(design["contraction"])
+        slack = error * float(thresholds.scale(m1, design["contraction"]))
         near = [f"m1 is {m1:.3g} rad, {need:.3g} needed"] * (abs(m1 - need) < slack)
-        near += [f"m2 is {m2:.3g} rad, {need / 2:.3g} allowed"] * (abs(m2 - need / 2) < slack)
+        near += [f"m2 is {m2:.3g} rad, {most:.3g} allowed"] * (abs(m2 - most) < slack)
         if coarse:
             near = screening.near(run.measures, design["contraction"], thresholds)
         if near and not run.closed:
@@ -137,14 +140,16 @@ def row_of(state, unit) -> dict[str, float]:
     return row
 
 
-def difference(coarse: Run, fine: Run, design: Mapping[str, float]) -> float:
+def difference(
+    coarse: Run, fine: Run, design: Mapping[str, float], thresholds: Thresholds
+) -> float:
     """Of m1 and m2 of two paths, over the larger of fold angle and |g|π."""
     rows = [r.history[-1] for r in (coarse, fine)]
     if coarse.closed and fine.closed:
         # Both end at about the same angle: what differs is the contraction that it takes.
         turned = [r["m1"] / r["contraction"] for r in rows]
         return abs(turned[1] - turned[0]) / max(abs(turned[1]), 1e-9)
-    scale = max(abs(rows[1]["m1"]), np.pi * design["contraction"])
+    scale = float(thresholds.scale(rows[1]["m1"], design["contraction"]))
     return max(abs(rows[1][m] - rows[0][m]) for m in ("m1", "m2")) / scale
 
 
@@ -169,14 +174,14 @@ def verdict(
     tags: Mapping[str, bool],
     events: Sequence[Mapping],
     closed: bool,
+    thresholds: Thresholds,
 ) -> tuple[bool, str, str]:
     """Whether it folds, the outcome in one word, and one sentence that says why.
 
     ``history``: per state ``contraction``, ``m1`` … ``m4`` and, over a ground, ``tip`` (height of
     the panels' ends over h_s).
     """
-    last, g = history[-1], design["contraction"]
-    need = g * np.pi
+    last, need = history[-1], thresholds.angle(design["contraction"])
     when = {event["kind"]: event["contraction"] for event in reversed(list(events))}
 
     def percent(kind):
@@ -248,11 +253,11 @@ def find_events(
 
     As {kind, contraction}.
     """
-    angle = contraction * thresholds.turning
+    most = thresholds.most_across(contraction)
     seen = {
         "lift-off": [h.get("tip", 0.0) > 0.5 for h in history],
         "contact": [h.get("clearance", np.inf) < TOUCHING for h in history],
-        "curling": [h["m2"] >= thresholds.across * angle for h in history],
+        "curling": [h["m2"] >= most for h in history],
         "warping": [
             max(abs(h["m3"] - 1), abs(h["m4"] - 1)) >= thresholds.parallel for h in history
         ],

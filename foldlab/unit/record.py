@@ -134,17 +134,15 @@ def write_path(out: Path, run: Run) -> list[str]:
 
 def draw(out: Path, label: Label, run: Run, source: SolverSource, *, animate: bool) -> list[str]:
     """The pictures; says on stderr what could not be drawn."""
-    from foldlab.labels.foldability import Thresholds
     from foldlab.plots import save_figure
     from foldlab.unit.plots import plot_angles, plot_shapes, plot_side, write_animation
     from foldlab.unit.render import Request, render
 
     released = source.question == "exists"
-    g, limits = label.design["contraction"], Thresholds()
-    need = g * limits.turning
+    g, limits = label.design["contraction"], source.thresholds
     load = np.array([shape.load for shape in run.shapes])
     figure = plot_angles(
-        run.history, g, (need, limits.across * need), label.evidence["events"],
+        run.history, g, (limits.angle(g), limits.most_across(g)), label.evidence["events"],
         load if released else None,
     )  # fmt: skip
     save_figure(figure, out / "angle.png")

@@ -1,8 +1,8 @@
 """Pictures of a unit's path in three dimensions, drawn by VTK without a screen.
 
 Runs as a process of its own, ``python -m foldlab.unit.render REQUEST.json``: where no driver can
-render, VTK ends the process that asks. :func:`render` starts it and says whether there are
-pictures.
+render, VTK ends the process that asks. :func:`drawn_apart` starts it, as it does for others, and
+says whether there are pictures.
 """
 
 from __future__ import annotations
@@ -43,17 +43,30 @@ class Request:
 def render(request: Request, folder: Path, timeout: float = 120.0) -> bool:
     """Whether another process has drawn all pictures. ``folder`` takes the request."""
     path = Path(folder) / "request.json"
-    path.write_text(json.dumps(asdict(request)), encoding="utf-8")
+    pictures = [name for _, _, name, _ in request.pictures]
+    return drawn_apart("foldlab.unit.render", asdict(request), path, pictures, timeout)
+
+
+def drawn_apart(
+    module: str, request, path: Path, pictures: Sequence[str | Path], timeout: float
+) -> bool:
+    """Whether ``python -m MODULE PATH`` has drawn all pictures within ``timeout`` seconds.
+
+    ``request``: what the module reads at ``path``, as JSON; the file is taken away again.
+    """
+    path.write_text(json.dumps(request), encoding="utf-8")
     root = Path(__file__).parents[2]
     environment = {**os.environ, "PYTHONPATH": os.pathsep.join([str(root), *sys.path])}
+    command = [sys.executable, "-m", module, str(path)]
     try:
         done = subprocess.run(
-            [sys.executable, "-m", "foldlab.unit.render", str(path)],
-            env=environment, capture_output=True, timeout=timeout, check=False,
-        )  # fmt: skip
+            command, env=environment, capture_output=True, timeout=timeout, check=False
+        )
     except (OSError, subprocess.TimeoutExpired):
         return False
-    return done.returncode == 0 and all(Path(name).exists() for _, _, name, _ in request.pictures)
+    finally:
+        path.unlink(missing_ok=True)
+    return done.returncode == 0 and all(Path(name).exists() for name in pictures)
 
 
 def draw(request: Request) -> None:

@@ -88,7 +88,7 @@ def advise(
     if not run.history:
         return []
     d, e, last = label.design, label.evidence, run.history[-1]
-    scale = max(abs(e["m1"]), np.pi * last["contraction"])
+    scale = source.thresholds.scale(e["m1"], last["contraction"])
     says = []
     least = lift_off_stiffness(d)
     measured = {row["without"].split(",")[0]: row["change"] for row in without}

@@ -3,6 +3,7 @@
 import itertools
 
 import numpy as np
+import pandas as pd
 import pytest
 from scipy.spatial.transform import Rotation
 
@@ -144,6 +145,23 @@ def test_other_thresholds_apply_to_stored_measures():
     assert not strict.tags(stored, 0.3)["F2"]
 
 
+def test_a_path_closes_after_a_full_turn_or_half_of_it_across():
+    closed = Thresholds().closed
+    m1, m2 = np.array([6.28, 6.29, -6.29, 0, 0]), np.array([0, 0, 0, 3.14, 3.15])
+    assert closed(m1, m2).tolist() == [False, True, True, False, True]
+
+
+def test_errors_are_relative_to_the_angle_or_to_what_counts_as_folded():
+    scale = Thresholds(turning=2.0).scale
+    assert scale(np.array([-1.0, 0.1]), 0.3).tolist() == [1.0, 0.6]
+
+
+def test_a_hinge_is_thick_whose_active_layer_is_thicker_than_it_is_long():
+    design = DESIGN | {"h_ratio": 10.0, "slenderness": 0.03}
+    table = pd.DataFrame([design | {"hinge_length": 0.29}, design | {"hinge_length": 0.31}])
+    assert foldability.thick_hinge(table).tolist() == [True, False]
+
+
 # -- events and verdicts -------------------------------------------------------------------------
 
 DESIGN = {
@@ -161,7 +179,7 @@ def judged(*history, closed=False, **changed):
     design = DESIGN | changed
     tags = Thresholds().tags(history[-1], design["contraction"])
     events = find_events(history, design["contraction"], Thresholds())
-    return verdict(design, history, tags, events, closed), events
+    return verdict(design, history, tags, events, closed, Thresholds()), events
 
 
 def test_an_event_is_where_it_set_in_to_stay():

@@ -9,6 +9,7 @@ import pytest
 from foldlab.datasets import load_dataset
 from foldlab.design import FULL
 from foldlab.labels import forecast
+from foldlab.labels.foldability import Thresholds
 from foldlab.labels.label import Label
 from foldlab.labels.solver import SolverSource
 from foldlab.labels.timoshenko import weight_turning
@@ -192,7 +193,7 @@ def test_a_curled_unit_is_told_to_ask_for_a_folded_state(heavy):
     _, run, label, _ = heavy
     source = SimpleNamespace(
         terms=("gravity", "ground"), heavy=True, accuracy=0.05, question="from_flat",
-        growth="isotropic", upright=True,
+        growth="isotropic", upright=True, thresholds=Thresholds(),
     )  # fmt: skip
     events = [{"kind": "twisting", "contraction": 0.1}]
     evidence = {**label.evidence, "outcome": "curled", "events": events}
