@@ -146,6 +146,8 @@ class DesignSpace:
             )
         columns = {}
         for p in self.parameters:
+            if (count := list(designs.columns).count(p.name)) > 1:
+                raise InputError(f"column {p.name} stands {count} times; keep the one that counts")
             try:
                 values = designs[p.name].to_numpy(dtype=float, na_value=np.nan)
             except (TypeError, ValueError) as error:

@@ -1,14 +1,16 @@
-"""Tables on disk: Parquet or CSV by the file's ending, read with clear errors, written whole."""
+"""Tables on disk (Parquet or CSV, read with clear errors, written whole) and those of others."""
 
 from __future__ import annotations
 
 import os
 import tempfile
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
 
+import numpy as np
 import pandas as pd
-from pyarrow import ArrowException
+import pyarrow as pa
+from pyarrow import ArrowException, interchange
 
 from foldlab.errors import InputError
 
@@ -31,6 +33,55 @@ def read_table(path: str | Path) -> pd.DataFrame:
     if len(frame) == 0:
         raise InputError(f"{path} has no rows; give a table with at least one design")
     return frame
+
+
+def as_frame(X):
+    """A pandas frame of whatever names its columns; an array without names as it came.
+
+    Reads tables of pyarrow, polars and others by their own conversion or exchange protocol,
+    structured arrays, mappings of columns, and lists of rows with names. Raises
+    :class:`InputError` where names are there but can't be read: positions must not stand in.
+    """
+    if isinstance(X, pd.DataFrame):
+        return X
+    try:
+        frame = _named(X)
+    except Exception as error:  # whatever a stranger's table raises
+        raise InputError(
+            f"the columns of this {type(X).__name__} can't be read by name "
+            f"({type(error).__name__}: {error}); give a pandas frame"
+        ) from None
+    # Numbers that merely count the columns, as of a labelled array without labels, are no names.
+    return frame if frame is not None and any(isinstance(c, str) for c in frame) else X
+
+
+def _named(X) -> pd.DataFrame | None:
+    if isinstance(X, pd.Series):
+        return None
+    if hasattr(X, "to_pandas"):
+        return X.to_pandas()
+    if hasattr(X, "__arrow_c_stream__"):
+        return pa.table(X).to_pandas()
+    if hasattr(X, "__dataframe__"):
+        return interchange.from_dataframe(X).to_pandas()
+    if isinstance(X, Mapping):
+        names = list(X)
+    elif isinstance(X, list | tuple):
+        rows = all(isinstance(row, Mapping | pd.Series) or hasattr(row, "_fields") for row in X)
+        return pd.DataFrame(map(_row, X)) if X and rows else None
+    else:
+        names = next(
+            (getattr(X, a) for a in ("columns", "column_names", "colnames") if hasattr(X, a)),
+            getattr(getattr(X, "dtype", None), "names", None),
+        )
+        names = names() if callable(names) else names
+    if names is None:
+        return None
+    return pd.DataFrame({name: np.asarray(X[name]) for name in names})
+
+
+def _row(row) -> Mapping:
+    return row._asdict() if hasattr(row, "_asdict") else row
 
 
 def write_table(frame: pd.DataFrame, path: str | Path) -> Path:

@@ -12,15 +12,18 @@ from sklearn.utils.validation import check_is_fitted, validate_data
 from foldlab.design import DesignSpace
 from foldlab.errors import InputError
 from foldlab.labels.label import _as_bool
+from foldlab.tables import as_frame
 
 
 def groups_array(X, space: DesignSpace) -> np.ndarray:
     """Designs as floats, shape (n, number of groups), columns in the space's order.
 
-    ``X`` is a frame with the groups among its columns or an array (n, number of groups) in the
-    space's order. Bounds are not checked here: a classifier may be asked about any design whose
-    groups are finite and, on a log scale, positive. Raises :class:`InputError` otherwise.
+    ``X`` is a table with the groups among its columns (see :func:`foldlab.tables.as_frame`) or an
+    array (n, number of groups) in the space's order. Bounds are not checked here: a classifier may
+    be asked about any design whose groups are finite and, on a log scale, positive. Raises
+    :class:`InputError` otherwise.
     """
+    X = as_frame(X)
     if not isinstance(X, pd.DataFrame):
         X = np.asarray(X)
         if X.ndim != 2 or X.shape[1] != len(space):
@@ -66,7 +69,7 @@ class GroupFeatures(TransformerMixin, BaseEstimator):
         if self.space is None:
             if self.pairs:
                 raise InputError("pairs=True without a space; give the space of the groups")
-            validate_data(self, X, dtype=np.float64)
+            validate_data(self, as_frame(X), dtype=np.float64)
             return self
         groups_array(X, self.space)
         if self.pairs and (unfit := [p.name for p in self.space if p.low <= 0]):
@@ -80,7 +83,7 @@ class GroupFeatures(TransformerMixin, BaseEstimator):
     def transform(self, X) -> np.ndarray:
         check_is_fitted(self, "n_features_in_")
         if self.space is None:
-            return validate_data(self, X, dtype=np.float64, reset=False)
+            return validate_data(self, as_frame(X), dtype=np.float64, reset=False)
         groups = groups_array(X, self.space)
         columns = [
             np.log10(groups[:, k]) if p.scale == "log" else groups[:, k]

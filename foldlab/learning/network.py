@@ -31,6 +31,7 @@ from torch import nn
 from foldlab.design import DesignSpace
 from foldlab.errors import InputError
 from foldlab.learning.features import as_labels, groups_array
+from foldlab.tables import as_frame
 
 CHUNK = 50_000  # designs per forward pass; bounds the memory
 
@@ -171,6 +172,7 @@ class NetworkClassifier(ClassifierMixin, BaseEstimator):
         if isinstance(getattr(y, "dtype", None), pd.BooleanDtype):
             y = as_labels(y)
         if self.space is None:
+            X = as_frame(X)
             # Copies: torch cannot wrap read-only memory.
             if y is None:
                 return validate_data(self, X, dtype=np.float64, reset=reset).copy()

@@ -11,6 +11,7 @@ from sklearn.pipeline import Pipeline
 
 from foldlab.errors import InputError
 from foldlab.learning.features import as_labels
+from foldlab.tables import as_frame
 
 CONFIDENCE = 0.95
 
@@ -81,6 +82,7 @@ def score(model, X, y, *, confidence: float = CONFIDENCE) -> dict:
 def seconds_per_million(model, X) -> float:
     """Wall seconds for a million predictions, from one call on at least 20 000 rows."""
     rows = np.arange(max(len(X), TIMED_ROWS)) % len(X)
+    X = as_frame(X)
     X = X.iloc[rows] if isinstance(X, pd.DataFrame) else np.asarray(X)[rows]
     start = time.perf_counter()
     model.predict(X)

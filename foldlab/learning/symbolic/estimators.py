@@ -36,6 +36,7 @@ from foldlab.labels.timoshenko import FULL_TURN
 from foldlab.learning.symbolic import formula as fm
 from foldlab.learning.symbolic.engines import ENGINES, Constraints
 from foldlab.learning.symbolic.formula import Formula, Tree
+from foldlab.tables import as_frame
 
 __all__ = ["Constraints", "SymbolicClassifier", "SymbolicRegressor"]
 
@@ -154,6 +155,7 @@ class SymbolicRegressor(RegressorMixin, BaseEstimator):
         return values
 
     def _columns(self, X):
+        X = as_frame(X)
         if self.space is None:
             return X
         if isinstance(X, pd.DataFrame):

@@ -1,0 +1,131 @@
+"""Tables that people bring: names decide columns, whatever library made the table."""
+
+from collections import namedtuple
+from functools import partial
+
+import numpy as np
+import pandas as pd
+import pyarrow as pa
+import pytest
+
+from foldlab.design import REDUCED
+from foldlab.errors import InputError
+from foldlab.labels import timoshenko
+from foldlab.learning.features import GroupFeatures, groups_array
+from foldlab.learning.models import make_classifier
+from foldlab.learning.network import SmoothNetwork
+from foldlab.learning.scoring import score
+from foldlab.learning.symbolic.engines import Constraints
+from foldlab.learning.symbolic.estimators import SymbolicRegressor
+
+
+class Like:
+    """A table of a library that is not here: names, columns by name, an array by position."""
+
+    def __init__(self, frame, attribute="columns"):
+        self._frame = frame
+        setattr(self, attribute, list(frame.columns))
+
+    def __getitem__(self, name):
+        return self._frame[name].to_numpy()
+
+    def __array__(self, dtype=None, copy=None):
+        return self._frame.to_numpy(dtype)
+
+    def __len__(self):
+        return len(self._frame)
+
+
+class Exchanges(Like):
+    """Speaks the exchange protocol and nothing else."""
+
+    def __init__(self, frame):
+        self._frame = frame
+
+    def __dataframe__(self, **options):
+        return pa.Table.from_pandas(self._frame).__dataframe__(**options)
+
+    def __getitem__(self, name):
+        raise KeyError(name)
+
+
+class Arrow(Exchanges):
+    def __arrow_c_stream__(self, requested_schema=None):
+        return pa.Table.from_pandas(self._frame).__arrow_c_stream__(requested_schema)
+
+    __dataframe__ = None
+
+
+def structured(frame):
+    return frame.to_records(index=False)
+
+
+def rows(frame):
+    Row = namedtuple("Row", frame.columns)
+    return [Row(*values) for values in frame.to_numpy()]
+
+
+TABLES = {
+    "pyarrow": pa.Table.from_pandas,
+    "pyarrow batch": pa.RecordBatch.from_pandas,
+    "arrow stream": Arrow,
+    "exchange": Exchanges,
+    "columns": Like,
+    "column_names": lambda f: Like(f, "column_names"),
+    "colnames": lambda f: Like(f, "colnames"),
+    "structured": structured,
+    "mapping": lambda f: {name: f[name].to_numpy() for name in f},
+    "records": lambda f: f.to_dict("records"),
+    "rows of pandas": lambda f: [row for _, row in f.iterrows()],
+    "named tuples": rows,
+}
+TURNED = REDUCED.names[::-1]
+
+
+@pytest.mark.parametrize("make", TABLES.values(), ids=TABLES)
+def test_names_decide_columns_in_any_table(make):
+    X = REDUCED.sample(7, seed=0)
+    strange = make(X[TURNED].assign(note=1.0))
+    np.testing.assert_array_equal(groups_array(strange, REDUCED), X.to_numpy())
+    with pytest.raises(InputError, match="lacks h_ratio"):
+        groups_array(make(X.rename(columns={"h_ratio": "h"})), REDUCED)
+
+
+def test_models_answer_alike_whatever_the_order_of_the_columns():
+    X = REDUCED.sample(400, seed=0)
+    y = timoshenko.folds(**X)
+    turned = pa.RecordBatch.from_pandas(X[TURNED])
+    model = make_classifier("tree", REDUCED, seed=0).fit(X, y)
+    np.testing.assert_array_equal(model.predict(turned), model.predict(X))
+    assert score(model, turned, y)["accuracy"] == score(model, X, y)["accuracy"]
+    formula = SymbolicRegressor(REDUCED)
+    np.testing.assert_array_equal(formula._columns(turned), X)
+
+
+@pytest.mark.parametrize("model", [GroupFeatures(), SymbolicRegressor(), SmoothNetwork(None)])
+def test_without_a_space_columns_in_another_order_are_refused(model):
+    X = REDUCED.sample(40, seed=0)
+    turned = pa.RecordBatch.from_pandas(X[TURNED])
+    if isinstance(model, SmoothNetwork):
+        model._read(X, None, reset=True)
+        call = partial(model._read, y=None, reset=False)
+    else:
+        limits = {"constraints": Constraints(seconds=0.3)}
+        model.set_params(**limits if "constraints" in model.get_params() else {})
+        model.fit(X, np.arange(1, 41))
+        call = model.predict if hasattr(model, "predict") else model.transform
+    with pytest.raises(ValueError, match="order"):
+        call(turned)
+
+
+def test_names_that_can_not_be_read_are_an_error_not_a_guess():
+    class Lazy(Like):
+        def __getitem__(self, name):
+            raise TypeError("collect first")
+
+    X = REDUCED.sample(3, seed=0)
+    with pytest.raises(InputError, match=r"Lazy can't be read by name .*collect first"):
+        groups_array(Lazy(X), REDUCED)
+    np.testing.assert_array_equal(groups_array(X.to_numpy(), REDUCED), X)
+    with pytest.raises(InputError, match="column E_ratio stands 2 times"):
+        groups_array(pd.concat([X, X["E_ratio"]], axis=1), REDUCED)
