@@ -9,24 +9,18 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
+from experiments import furrow
 from experiments.common import main
 from experiments.furrow import panel, study, warped
 from solver.cases.tissue import neural_tube
 
 
 @dataclass(frozen=True)
-class Config:
-    """``meshes``: element:level, the last of them for pictures; ``field``: CSV or VTU with the
-    point field "beta" instead of the analytic pattern; ``steps`` of fixed size over t_fin."""
+class Config(furrow.Config):
+    """As that of the furrow."""
 
-    seed: int = 0
     meshes: tuple[str, ...] = ("tet4:3", "hex20:1", "hex20:2", "hex27:0", "hex27:1", "hex27:2")
-    steps: int = 100
-    order: int = 2
     contraction: float = 0.4
-    t_fin: float = 1.0
-    field: str = ""
-    pictures: bool = True
 
 
 TINY = Config(meshes=("hex20:0",), steps=5, contraction=0.05)

@@ -19,11 +19,14 @@ MAY = {
     "solver.output": {"solver.mesh", "solver.physics"},
     "solver.cases": set(),
     "solver.cases.unit": {
-        "solver.mesh", "solver.physics", "solver.equilibrium", "solver.paths", "solver.output"
+        "solver.cases", "solver.mesh", "solver.physics", "solver.equilibrium", "solver.paths",
+        "solver.output",
     },
-    "solver.cases.lung": {"solver.mesh", "solver.physics", "solver.equilibrium", "solver.paths"},
+    "solver.cases.lung": {
+        "solver.cases", "solver.mesh", "solver.physics", "solver.equilibrium", "solver.paths"
+    },
     "solver.cases.tissue": {
-        "solver.mesh", "solver.physics", "solver.equilibrium", "solver.viscous"
+        "solver.cases", "solver.mesh", "solver.physics", "solver.equilibrium", "solver.viscous"
     },
     "foldlab": {"foldlab.datasets"},
     "foldlab.design": set(),

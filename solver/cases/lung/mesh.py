@@ -15,6 +15,7 @@ from itertools import pairwise
 import numpy as np
 import skfem
 
+from solver.cases.levels import sizes_of
 from solver.cases.lung.geometry import PARTS, Holes, Lung, unit
 from solver.mesh.body import Body
 from solver.mesh.checks import facets
@@ -126,10 +127,7 @@ def hexahedra(
     """
     if part not in PARTS:
         raise ValueError(f"no part {part!r}; there are: {', '.join(PARTS)}")
-    if not isinstance(counts, Counts):
-        if counts not in range(len(LEVELS)):
-            raise ValueError(f"level {counts}; there are 0 to {len(LEVELS) - 1}, or give Counts")
-        counts = LEVELS[counts]
+    counts = sizes_of(counts, LEVELS)
     flags = lung.tiling.flags_in(part)
     hole, strip = _blocks(Holes.of(lung.tiling, flags, lung.bundle), counts)
     inside = np.linspace(1 - lung.epithelium, 1, counts.epithelium + 1)

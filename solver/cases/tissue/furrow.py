@@ -15,8 +15,9 @@ from functools import cached_property
 import numpy as np
 import skfem
 
-from solver.cases.tissue.model import Beta, Model, Tissue, enclosed, evaluated
-from solver.mesh.body import Body, Surface
+from solver.cases.levels import sizes_of
+from solver.cases.tissue.model import Beta, Model, Tissue, enclosed, meshed
+from solver.mesh.body import Surface
 from solver.mesh.structured import box, curved, graded, weld
 from solver.physics.supports import Fixed
 
@@ -201,11 +202,7 @@ def build(
     refuses.
     """
     shape = shape or Shape()
-    if not isinstance(level, Counts):
-        if level not in range(len(LEVELS)):
-            raise ValueError(f"level {level}; there are 0 to {len(LEVELS) - 1}, or give Counts")
-        level = LEVELS[level]
-    body = Body.build(mesh(shape, level, element), element)
+    body, pattern = meshed(mesh, shape, sizes_of(level, LEVELS), element, beta)
     X = body.nodes
     planes = [np.flatnonzero(np.abs(X[:, k]) < 1e-9) for k in (0, 1)]
     # The dorsal end of the midline stays where it is.
@@ -213,5 +210,4 @@ def build(
     fixed = (
         Fixed(planes[0], [1, 0, 0]), Fixed(planes[1], [0, 1, 0]), Fixed([dorsal], [0, 0, 1]),
     )  # fmt: skip
-    values = evaluated(body, shape.beta if beta is None else beta)
-    return Furrow(body, fixed, values, tissue or Tissue(), contraction)
+    return Furrow(body, fixed, pattern, tissue or Tissue(), contraction)

@@ -86,6 +86,17 @@ def ramp(t_fin: float) -> Callable[[float], float]:
     return lambda t: min(t / t_fin, 1.0)
 
 
+def meshed(mesh: Callable, shape, counts, element: str, beta: Beta | None):
+    """Body of ``mesh(shape, counts, element)``, and β at its quadrature points, (m, q).
+
+    ``beta``: the pattern of the shape (None), a function of positions (m, q, 3), or values at the
+    quadrature points or per cell. Raises ValueError for values outside of [0, 1] and what the mesh
+    refuses.
+    """
+    body = Body.build(mesh(shape, counts, element), element)
+    return body, evaluated(body, shape.beta if beta is None else beta)
+
+
 def evaluated(body: Body, beta: Beta) -> np.ndarray:
     """β at the quadrature points, (m, q); raises ValueError for values outside of [0, 1]."""
     values = np.asarray(beta(body.points()) if callable(beta) else beta, dtype=float)

@@ -16,8 +16,8 @@ from functools import cached_property
 import numpy as np
 import skfem
 
-from solver.cases.tissue.model import Beta, Model, Tissue, enclosed, evaluated
-from solver.mesh.body import Body
+from solver.cases.levels import sizes_of
+from solver.cases.tissue.model import Beta, Model, Tissue, enclosed, meshed
 from solver.mesh.structured import box
 from solver.physics.ground import Ground
 from solver.physics.supports import Fixed
@@ -149,11 +149,7 @@ def build(
     refuses.
     """
     shape = shape or Shape()
-    if not isinstance(level, Counts):
-        if level not in range(len(LEVELS)):
-            raise ValueError(f"level {level}; there are 0 to {len(LEVELS) - 1}, or give Counts")
-        level = LEVELS[level]
-    body = Body.build(mesh(shape, level, element), element)
+    body, pattern = meshed(mesh, shape, sizes_of(level, LEVELS), element, beta)
     X = body.nodes
     plane = np.flatnonzero(np.abs(X[:, 2]) < 1e-9)
     # Of the mid-line two points hold what the mirror plane leaves free, without any force.
@@ -168,5 +164,4 @@ def build(
         body, sides, thickness=shape.thickness, pressure=0.02 * tissue.E, depth=TOUCHING,
         reach=TOUCHING, name="contact",
     )  # fmt: skip
-    values = evaluated(body, shape.beta if beta is None else beta)
-    return NeuralTube(body, fixed, values, tissue, contraction, (touch,))
+    return NeuralTube(body, fixed, pattern, tissue, contraction, (touch,))

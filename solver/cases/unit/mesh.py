@@ -10,6 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from solver.cases.levels import sizes_of
 from solver.mesh.body import Body
 from solver.mesh.structured import box, growing, joined
 
@@ -55,10 +56,7 @@ def mesh(
     ``curls``: whether the hinge may curl about the sheet's axis; ``heavy``: whether weight bends
     the panels. Raises ValueError for a level or mirror plane that is not there.
     """
-    if not isinstance(level, Sizes):
-        if level not in range(len(LEVELS)):
-            raise ValueError(f"level {level}; there are 0 to {len(LEVELS) - 1}, or give Sizes")
-        level = LEVELS[level]
+    level = sizes_of(level, LEVELS)
     if not set(mirrors) <= {"x", "y"}:
         raise ValueError(f"mirrors {mirrors}; expected some of 'x' and 'y'")
     h, top, half = unit.slenderness, unit.active, unit.hinge_length / 2

@@ -14,6 +14,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from solver.cases.levels import sizes_of
 from solver.equilibrium.scene import Scene
 from solver.mesh.body import Body
 from solver.mesh.structured import box, growing, joined
@@ -72,10 +73,7 @@ def mesh(
     unit with the same elements. hex27 takes two points along y (``bent``). Raises ValueError for a
     level that is not there and for what the builders and Body.build refuse.
     """
-    if not isinstance(level, Counts):
-        if level not in range(len(LEVELS)):
-            raise ValueError(f"level {level}; there are 0 to {len(LEVELS) - 1}, or give Counts")
-        level = LEVELS[level]
+    level = sizes_of(level, LEVELS)
     x = np.linspace(0, WIDTH / 2, level.across + 1)
     half = HINGE / 2
     y = joined(
