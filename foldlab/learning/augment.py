@@ -56,8 +56,8 @@ class Plan:
 class Augmented:
     """Result of one run: the last model, every labelled design, and one row per cycle.
 
-    ``curve`` has columns strategy, seed, cycle, labels, accuracy, in_band (share of the added
-    designs whose p lay in the band; the rest are the nearest to 0.5), unknown, seconds.
+    ``curve`` has columns strategy, seed, cycle, labels, accuracy, in_band (fraction of the
+    added designs whose p lay in the band; the rest are the nearest to 0.5), unknown, seconds.
     """
 
     model: Any
@@ -106,7 +106,7 @@ def augment(
                 f"{plan.initial} so that both classes are seen"
             )
         with warnings.catch_warnings():
-            # A cycle is a share of the training; only the whole of it could be said to converge.
+            # A cycle is a part of the training; only the whole of it could be said to converge.
             warnings.simplefilter("ignore", ConvergenceWarning)
             if cycle:
                 model.continue_fit(known[space.names], y, epochs=plan.epochs)
@@ -133,13 +133,14 @@ def _next_designs(space, model, strategy, plan, draws) -> tuple[pd.DataFrame, fl
     pool = space.sample(plan.candidates, seed=int(draws[0]))
     folds = list(model.classes_).index(True)
     p = model.predict_proba(pool)[:, folds]
-    band = np.flatnonzero((p >= plan.band[0]) & (p <= plan.band[1]))
+    inside = (p >= plan.band[0]) & (p <= plan.band[1])
+    band = np.flatnonzero(inside)
     if len(band) >= plan.per_cycle:
         rng = np.random.default_rng(int(draws[1]))
         chosen = rng.choice(band, plan.per_cycle, replace=False)
     else:
-        # A well-trained network leaves few designs in the band: the nearest to it fill the cycle.
-        chosen = np.argsort(np.abs(p - 0.5), kind="stable")[: plan.per_cycle]
+        # A well-trained network leaves few designs in the band: the nearest to 0.5 fill the cycle.
+        chosen = np.lexsort((np.abs(p - 0.5), ~inside))[: plan.per_cycle]
     return pool.iloc[chosen].reset_index(drop=True), min(1.0, len(band) / plan.per_cycle)
 
 
@@ -163,8 +164,7 @@ def labels_to_reach(curve: pd.DataFrame, accuracy: float) -> float:
     k = int(reached[0])
     if k == 0:
         return float(labels[0])
-    share = (accuracy - values[k - 1]) / (values[k] - values[k - 1])
-    return float(labels[k - 1] + share * (labels[k] - labels[k - 1]))
+    return float(np.interp(accuracy, values[k - 1 : k + 1], labels[k - 1 : k + 1]))
 
 
 def compare_strategies(

@@ -76,18 +76,36 @@ def fuzz(batch):
     return endings, complaints
 
 
+def judge(endings):
+    """Most paths complete, and enough of them within their time to say so."""
+    in_time = [end for end in endings if end is not Ending.TIMEOUT]
+    assert len(in_time) >= 0.5 * len(endings), f"too few ended in time: {endings}"
+    done = sum(end in (Ending.REACHED, Ending.STOPPED) for end in in_time)
+    assert done >= 0.7 * len(in_time), endings
+
+
+def test_a_batch_that_runs_out_of_time_or_gives_up_fails():
+    """All of a batch out of time, or most of it given up: no fuzz passes on that."""
+    for endings in ([Ending.TIMEOUT] * 10, [Ending.TIMEOUT] * 6 + [Ending.REACHED] * 4):
+        with pytest.raises(AssertionError, match="too few ended in time"):
+            judge(endings)
+    with pytest.raises(AssertionError):
+        judge([Ending.LOST] * 4 + [Ending.REACHED] * 6)
+    judge([Ending.TIMEOUT] * 3 + [Ending.REACHED] * 5 + [Ending.STOPPED, Ending.LOST])
+
+
+# Ten designs may each use their time.
+@pytest.mark.timeout(2 * BATCH * TIMEOUT)
 @pytest.mark.parametrize("batch", range(DESIGNS // BATCH))
 def test_random_designs_end_in_audited_states_or_in_words(batch):
     """Forty designs of the full space in all, with and without weight, uniaxial and isotropic:
     every ending typed, every last state confirmed by the second code path, most paths complete."""
     endings, complaints = fuzz(batch)
     assert not complaints, "\n".join(complaints)
-    # How many run out of time is the machine's affair.
-    in_time = [end for end in endings if end is not Ending.TIMEOUT]
-    done = sum(end in (Ending.REACHED, Ending.STOPPED) for end in in_time)
-    assert done >= 0.7 * len(in_time), endings
+    judge(endings)
 
 
+@pytest.mark.timeout(0)
 @pytest.mark.skipif("FOLDLAB_FUZZ_HOURS" not in os.environ, reason="hours of it on demand only")
 def test_fuzz_for_hours():
     """The same for as long as FOLDLAB_FUZZ_HOURS says, with designs of their own."""

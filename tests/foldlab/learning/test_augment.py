@@ -18,7 +18,7 @@ class Recorder:
     """A classifier with ``continue_fit``: logistic regression on logs that notes its budget."""
 
     def __init__(self, seed, epochs):
-        self.seed, self.epochs, self.calls = seed, epochs, []
+        self.seed, self.epochs, self.calls, self.asked = seed, epochs, [], []
 
     def fit(self, X, y):
         return self.continue_fit(X, y, epochs=self.epochs)
@@ -33,7 +33,9 @@ class Recorder:
         return self._model.predict(np.log(X))
 
     def predict_proba(self, X):
-        return self._model.predict_proba(np.log(X))
+        p = self._model.predict_proba(np.log(X))
+        self.asked.append((X, p[:, 1]))
+        return p
 
 
 def run(strategy, plan=PLAN, source=None, seed=0):
@@ -74,11 +76,20 @@ def test_added_designs_lie_in_the_band_of_the_network_that_chose_them():
     assert ((q < 0.4) | (q > 0.6)).any()
 
 
-def test_a_thin_band_is_filled_with_the_nearest_designs_and_says_so():
-    plan = Plan(initial=60, per_cycle=20, cycles=2, epochs=1, band=(0.4999, 0.5001), candidates=500)
-    curve = run("boundary", plan).curve
-    assert curve["labels"].iloc[1] == 80
-    assert curve["in_band"].iloc[1] < 1
+@pytest.mark.parametrize("band, candidates", [((0.4999, 0.5001), 500), ((0.2, 0.5001), 60)])
+def test_a_thin_band_is_filled_with_the_nearest_designs_and_says_so(band, candidates):
+    plan = Plan(initial=60, per_cycle=20, cycles=2, epochs=1, band=band, candidates=candidates)
+    result = run("boundary", plan)
+    (pool, p), *_ = result.model.asked
+    inside = (p >= band[0]) & (p <= band[1])
+    assert inside.sum() < 20
+    # All of the band, then the nearest to 0.5 of what lies outside it.
+    further = np.sort(np.abs(p[~inside] - 0.5))[: 20 - inside.sum()]
+    expected = inside | (~inside & (np.abs(p - 0.5) <= further[-1]))
+    added = result.labels.iloc[60:][REDUCED.names].to_numpy()
+    assert len(added) == 20 == expected.sum()
+    assert set(map(tuple, added)) == set(map(tuple, pool[expected].to_numpy()))
+    assert result.curve["in_band"].iloc[1] == inside.sum() / 20
 
 
 def test_seed_reproduces_and_changes():

@@ -7,6 +7,7 @@ import numpy as np
 import pandas as pd
 import pytest
 import sympy
+from scipy.stats import logistic
 from sklearn.utils.estimator_checks import check_estimator
 
 from foldlab.design import REDUCED
@@ -376,3 +377,16 @@ def test_classifier_thresholds_the_formula(short):
         SymbolicClassifier(REDUCED).fit(fresh, truth)
     with pytest.raises(InputError, match="threshold"):
         SymbolicClassifier(REDUCED, threshold=-1).fit(X, y)
+
+
+def test_probabilities_are_as_wide_as_the_residuals(monkeypatch):
+    """log(A/y) is noise of known width: the logistic of the margin has its standard deviation."""
+    X, _ = designs(300, 1)
+    noise = np.random.default_rng(0).standard_normal(300)
+    y = X.E_ratio.to_numpy() * np.exp(0.3 * (noise - noise.mean()) / noise.std())
+    monkeypatch.setitem(engines.ENGINES, "operon", lambda *_: ["E_ratio"])
+    model = SymbolicClassifier(REDUCED, reciprocal=False, threshold=1.0).fit(X, y)
+    assert str(model.formula_) == "E_ratio"
+    row = X.iloc[:1].assign(E_ratio=np.exp(0.5))
+    expected = logistic.cdf(0.5, scale=0.3 / logistic.std())
+    np.testing.assert_allclose(model.predict_proba(row)[0, 1], expected, rtol=1e-9)
