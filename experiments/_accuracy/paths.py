@@ -21,7 +21,7 @@ from solver.cases.unit import problem_p
 from solver.cases.unit.choices import Meshing, Supports, Watch
 from solver.cases.unit.unit import Unit
 from solver.paths.continuation import trace
-from solver.paths.stable import Settle
+from solver.paths.stable import StableSteps
 from solver.paths.steppers import ArcLength, LoadSteps
 
 COUNTS = foldability.Thresholds()
@@ -208,7 +208,9 @@ def _stepping(name: str, level: int):
     design = UNITS[name]
     model = folding_unit.build(Unit(**design), Meshing(UNIT_LEVELS[level]))
     scene = model.scene
-    rest = Settle(LoadSteps(rtol=1e-8, step=0.1)).begin(scene, np.zeros(scene.size), 0.0, 1.0)
+    rest = StableSteps(LoadSteps(rtol=1e-8, step=0.1), locate=False).begin(
+        scene, np.zeros(scene.size), 0.0, 1.0
+    )
 
     def angle(x, e):
         return foldability.measure(model.curves(x, e), design["hinge_length"]).m1

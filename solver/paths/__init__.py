@@ -6,13 +6,13 @@ from importlib import import_module
 _HOMES = {
     "ArcLength": "solver.paths.steppers",
     "LoadSteps": "solver.paths.steppers",
-    "StablePath": "solver.paths.stable",
+    "StableSteps": "solver.paths.stable",
     "follow": "solver.paths.continuation",
     "load": "solver.paths.continuation",
     "trace": "solver.paths.continuation",
 }
 
-__all__ = ["ArcLength", "LoadSteps", "StablePath", "follow", "load", "trace"]
+__all__ = ["ArcLength", "LoadSteps", "StableSteps", "follow", "load", "trace"]
 
 
 def __getattr__(name: str):

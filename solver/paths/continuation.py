@@ -16,15 +16,9 @@ from scipy.optimize import brentq
 from solver.equilibrium.newton import Outcome, newton
 from solver.equilibrium.scene import Scene
 from solver.paths.arc import between, tangent
-from solver.paths.point import Point
-from solver.paths.stability import Ended, Event, locate
-from solver.paths.stable import StablePath
-from solver.paths.steppers import ArcLength, LoadSteps, Noise, turned
-
-__all__ = [
-    "ArcLength", "Event", "Load", "LoadSteps", "Noise", "Outcome", "Path", "Point", "StablePath",
-    "follow", "load", "trace", "turned",
-]  # fmt: skip
+from solver.paths.point import Ended, Point
+from solver.paths.stability import Event, locate
+from solver.paths.steppers import Stepper
 
 
 @dataclass(frozen=True)
@@ -77,7 +71,7 @@ class Path:
 def follow(
     scene: Scene,
     start: np.ndarray | Point,
-    stepper: LoadSteps | ArcLength | StablePath,
+    stepper: Stepper,
     *,
     e: float = 0.0,
     until: Load | Callable[[Point], float] = Load(1.0),
@@ -118,16 +112,14 @@ def _walk(
             scene.refuse_free_motion(start, e)
         sign = -1.0 if target is not None and target < e else 1.0
         point = stepper.begin(scene, start, e, sign)
-        if isinstance(point, Outcome):
-            return Ended(point)
+        if isinstance(point, Ended):
+            return point
         yield point
     gap = until(point)
     if gap == 0 and target is not None:
         return Ended(Outcome.REACHED)
     for _ in range(max_steps):
-        found = getattr(stepper, "attempt", stepper.advance)(scene, point, target)
-        if isinstance(found, Outcome):
-            return Ended(found)
+        found = stepper.advance(scene, point, target)
         if isinstance(found, Ended):
             return found
         located = found.events
@@ -153,7 +145,7 @@ def _walk(
 def trace(
     scene: Scene,
     start: np.ndarray | Point,
-    stepper: LoadSteps | ArcLength | StablePath,
+    stepper: Stepper,
     **options,
 ) -> Path:
     """All points of :func:`follow`, with the same options, as a :class:`Path`.

@@ -1,4 +1,4 @@
-"""Points of a path, and the scalar product that makes displacement and load comparable."""
+"""Points of a path, its end, and the scalar product that makes displacement and load comparable."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from solver.equilibrium.newton import Outcome
 from solver.equilibrium.scene import Scene
 
 
@@ -44,6 +45,23 @@ class Point:
     def past(self) -> tuple[tuple[float, np.ndarray, np.ndarray], ...]:
         """History for the next point: this one first."""
         return ((self.e, self.x, self.tangent), *self.history)[:2]
+
+
+@dataclass(frozen=True, eq=False)
+class Ended:
+    """Why a path has no next point, and what was located beyond its last one.
+
+    ``detail``: what the last attempt failed at, a sentence; empty where the outcome says it all.
+    """
+
+    outcome: Outcome
+    events: tuple = ()
+    detail: str = ""
+
+    @property
+    def reason(self) -> str:
+        """The outcome's sentence and the detail."""
+        return f"{self.outcome.value}; {self.detail}" if self.detail else self.outcome.value
 
 
 @dataclass(frozen=True)

@@ -225,11 +225,3 @@ def switch(
                 )  # fmt: skip
         amplitude /= 2
     return Outcome.NO_BRANCH
-
-
-@dataclass(frozen=True)
-class Ended:
-    """Why a path has no next point, and what was located beyond its last one."""
-
-    outcome: Outcome
-    events: tuple[Event, ...] = ()

@@ -1,57 +1,45 @@
 """Steppers: how a path goes from one point to the next.
 
 ``LoadSteps`` prescribes the load (Algorithms 2 and 3, Eq. 2.63), ``ArcLength`` a distance in
-displacement and load (Algorithm 4, Eqs. 2.64–2.76). Each is a frozen set of choices; what changes
-along a path is in its points, so that a rejected step leaves nothing behind.
+displacement and load (Algorithm 4, Eqs. 2.64–2.76); :mod:`solver.paths.stable` adds one that keeps
+to stable states. Each is a frozen set of choices; what changes along a path is in its points, so
+that a rejected step leaves nothing behind. How long steps are: :mod:`solver.paths.pace`.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from contextlib import suppress
 from dataclasses import dataclass, replace
+from typing import Protocol
 
 import numpy as np
 
 from solver.equilibrium.descent import descend
-from solver.equilibrium.linear import Factor, SingularMatrix
+from solver.equilibrium.linear import Factor
 from solver.equilibrium.newton import NewtonResult, Outcome, largest, newton
 from solver.equilibrium.scene import Scene
-from solver.paths.arc import Ellipsoid, correct, extrapolate, tangent
-from solver.paths.point import Metric, Point, displacement_size
+from solver.paths.arc import Corrected, Ellipsoid, correct, extrapolate, tangent
+from solver.paths.noise import Noise
+from solver.paths.pace import ArcPace, LoadPace, positive, towards
+from solver.paths.point import Ended, Metric, Point, displacement_size
 
 
-@dataclass(frozen=True)
-class Noise:
-    """Seeded noise on the guess of every step (§4.3.3), so that unstable states are left.
+class Stepper(Protocol):
+    """What :func:`solver.paths.continuation.follow` asks of a stepper.
 
-    ``amplitude``: largest noise over the largest displacement of the guess; the dissertation takes
-    1e-3 … 1e-2. The field is the body's answer to random forces: independent noise on each node
-    would strain a thin body more than it bends it. ``scene``: the scene to solve in a step, drawn
-    from the given scene and a generator, for noise on densities and other fields; it must have the
-    same unknowns. The numbers depend on ``seed`` and the index of the point only.
+    ``begin``: the first point, an equilibrium near the guess x (size,) at the load e; ``sign`` ±1:
+    whether the load shall rise or fall from there. ``advance``: the next point on the way to the
+    load ``target``, on in the direction of travel where that is None. ``resume``: a point of any
+    stepper, set to walk towards the target. ``rtol``: what corrections count as converged.
     """
 
-    amplitude: float
-    seed: int
-    scene: Callable[[Scene, np.random.Generator], Scene] | None = None
+    @property
+    def rtol(self) -> float: ...
 
-    def draw(self, scene: Scene, point: Point) -> tuple[Scene, np.ndarray]:
-        """The scene of the step after ``point`` and a field (size,), largest component 1."""
-        rng = np.random.default_rng([self.seed, point.index])
-        if self.scene is not None:
-            scene = self.scene(scene, rng)
-        force = np.zeros(scene.size)
-        force[: scene.n_free] = rng.standard_normal(scene.n_free)
-        field = np.zeros(scene.size)
-        system = scene.system(point.x, point.e)
-        answer = force
-        if system is not None:
-            with suppress(SingularMatrix):
-                answer = system.factorise().solve(force)
-        n = scene.n_free
-        field[:n] = answer[:n] / largest(answer[:n])
-        return scene, field
+    def begin(self, scene: Scene, x: np.ndarray, e: float, sign: float) -> Point | Ended: ...
+
+    def advance(self, scene: Scene, point: Point, target: float | None) -> Point | Ended: ...
+
+    def resume(self, point: Point, target: float | None) -> Point: ...
 
 
 @dataclass(frozen=True)
@@ -59,15 +47,15 @@ class LoadSteps:
     """Steps of the load with Newton at each (Algorithms 2 and 3).
 
     ``rtol``: see :func:`solver.equilibrium.newton.newton`. ``step``: usual change of e, > 0; its
-    sign comes from the target. ``first``: share of it taken first, where there is nothing to
-    extrapolate. ``smallest``: share below which the path stops. ``cut``: divisor after a failure.
-    ``growth``: factor after a success, up to ``step`` (inf restores it at once, as Algorithm 3
-    does), and up to ``largest`` · ``step`` where Newton took three iterations or fewer. ``order``
-    of the predictor: 0 the last displacement, 1 the tangent (Eq. 2.63), 2 through the point before,
-    3 its tangent too, 4 and 5 one point more; the best one up to it is taken. ``jump``: a step is
-    refused if the tangents at its ends leave more than this share of it unexplained, for then its
-    end lies on another path; inf allows it. ``noise``: with an energy, each step then goes down to
-    a stable state.
+    sign comes from the target. ``first``: fraction of it taken first, where there is nothing to
+    extrapolate. ``smallest``: fraction below which the path stops. ``cut``: divisor after a
+    failure. ``growth``: factor after a success, up to ``step`` (inf restores it at once, as
+    Algorithm 3 does), and up to ``largest`` · ``step`` where Newton took three iterations or fewer.
+    ``order`` of the predictor: 0 the last displacement, 1 the tangent (Eq. 2.63), 2 through the
+    point before, 3 its tangent too, 4 and 5 one point more; the best one up to it is taken.
+    ``jump``: a step is refused if the tangents at its ends leave more than this fraction of it
+    unexplained, for then its end lies on another path; inf allows it. ``noise``: with an energy,
+    each step then goes down to a stable state.
 
     Raises ValueError for sizes that are not positive and orders that don't exist.
     """
@@ -85,61 +73,99 @@ class LoadSteps:
     noise: Noise | None = None
 
     def __post_init__(self):
-        _positive(self, "rtol", "step", "first", "smallest", "growth", "largest", "jump")
-        if not (self.cut > 1 and self.growth >= 1 and 0 <= self.order <= 5):
-            raise ValueError(
-                f"cut = {self.cut}, growth = {self.growth}, order = {self.order}; "
-                "expected cut > 1, growth >= 1 and an order from 0 to 5"
-            )
+        positive(self, "rtol", "jump")
+        if not (0 <= self.order <= 5):
+            raise ValueError(f"order = {self.order}; expected an order from 0 to 5")
+        _ = self.pace
 
-    def begin(self, scene: Scene, x: np.ndarray, e: float, sign: float) -> Point | Outcome:
+    @property
+    def pace(self) -> LoadPace:
+        """The rule for the size of steps."""
+        return LoadPace(self.step, self.first, self.smallest, self.cut, self.growth, self.largest)
+
+    def begin(self, scene: Scene, x: np.ndarray, e: float, sign: float) -> Point | Ended:
         """First point of a path."""
-        found = _start(scene, x, e, self.rtol)
-        if not found.converged:
-            return Outcome.NO_START
         along = np.zeros(scene.size + 1)
         along[-1] = sign * self.step
         metric = Metric(1.0, self.step, scene.n_free, scene.scales.length)
-        return _first(scene, found, along, metric, (self.first * self.step,))
+        return _first(scene, x, e, self.rtol, along, metric, (self.first * self.step,))
 
-    def advance(self, scene: Scene, point: Point, target: float | None) -> Point | Outcome:
+    def advance(self, scene: Scene, point: Point, target: float | None) -> Point | Ended:
         """The next point, at most at the load ``target``; None: on in the direction of travel."""
-        step = point.control[0] if len(point.control) == 1 else self.first * self.step
-        sign = np.sign(target - point.e if target is not None else point.tangent[-1])
+        pace = self.pace
+        step = pace.now(point.control)
+        sign = heading(point, target)
+        remaining = np.inf if target is None else abs(target - point.e)
         noisy, field = scene, None
         if self.noise is not None:
             noisy, field = self.noise.draw(scene, point)
         spent = 0
-        while step >= self.smallest * self.step:
-            de = step
-            if target is not None:
-                # The last two steps share what is left: no sliver before the target.
-                left = abs(target - point.e)
-                de = left / np.ceil(left / step - 1e-9) if left < 2 * step else step
-                de = left if de > left * (1 - 1e-12) else de
-            e = target if target is not None and de == left else point.e + sign * de
-            found = self._solve(noisy, point, e, field)
-            spent += found.iterations
-            if found.converged:
-                made = self._point(noisy, point, found, spent, step)
-                if made is not None and (field is not None or self._smooth(scene, point, made)):
-                    return made
+        while step >= pace.least:
+            de = towards(step, remaining)
+            e = target if de == remaining else point.e + sign * de
+            result = self._solve(noisy, point, e, field)
+            spent += result.iterations
+            if result.converged:
+                after = self.point(noisy, point, result, spent, step)
+                if after is not None and (field is not None or self.explains(scene, point, after)):
+                    return after
             step = de / self.cut
-        return Outcome.MIN_STEP
+        return Ended(Outcome.MIN_STEP)
 
     def resume(self, point: Point, target: float | None) -> Point:
         """The point, set to walk towards the target."""
         away = target is not None and (target - point.e) * point.tangent[-1] < 0
         return turned(point) if away else point
 
+    def point(
+        self, scene: Scene, before: Point, result: NewtonResult, spent: int, step: float
+    ) -> Point | None:
+        """The point after ``before`` at an equilibrium; None where it has no tangent.
+
+        ``spent``: factorisations since ``before``; ``step``: the one that led there.
+        """
+        a = displacement_size(scene, result.x - before.x)
+        b = max(abs(result.e - before.e), 1e-2 * self.step)
+        metric = Metric(max(a, 1e-6), b, scene.n_free, scene.scales.length)
+        along = np.zeros(scene.size + 1)
+        along[-1] = result.e - before.e
+        factor = result.system.factorise()
+        way = tangent(scene, result.x, result.e, factor, along, metric)
+        if way is None:
+            return None
+        return Point(
+            index=before.index + 1,
+            e=result.e,
+            x=result.x,
+            tangent=way,
+            metric=metric,
+            unstable=result.system.unstable,
+            energy=result.system.energy,
+            iterations=spent,
+            step=result.e - before.e,
+            residual=result.residual,
+            control=(self.pace.following(step, result.iterations),),
+            history=before.past(),
+        )
+
+    def explains(self, scene: Scene, before: Point, after: Point) -> bool:
+        """Whether the tangents at both ends explain the step; a jump to another path they don't."""
+        rates = [p.tangent[:-1] / p.tangent[-1] for p in (before, after)]
+        line = after.x - before.x
+        odd = line - after.step * (rates[0] + rates[1]) / 2
+        n, slack = scene.n_free, 1e-3 * scene.scales.length
+        return largest(odd[:n]) <= self.jump * largest(line[:n]) + slack
+
     def _solve(self, scene, point, e, field) -> NewtonResult:
         options = [point.x]
         if self.order > 0 and abs(point.tangent[-1]) > 0:
             # Pieces of the past that the load has left behind in the other direction don't help.
-            past = [(p[0], p[1], p[2][:-1] / p[2][-1]) for p in (
-                (point.e, point.x, point.tangent), *point.history
-            ) if p[2][-1] * point.tangent[-1] > 0]  # fmt: skip
-            nodes = past[: (self.order + 2) // 2 if self.order > 1 else 1]
+            nodes = [
+                (at, x, way[:-1] / way[-1])
+                for at, x, way in ((point.e, point.x, point.tangent), *point.history)
+                if way[-1] * point.tangent[-1] > 0
+            ]
+            nodes = nodes[: (self.order + 2) // 2 if self.order > 1 else 1]
             nodes = [p for i, p in enumerate(nodes) if all(p[0] != q[0] for q in nodes[:i])]
             options = extrapolate(nodes, e)[: self.order]
         guess = options[0]
@@ -154,35 +180,13 @@ class LoadSteps:
         if field is not None and scene.energy(start, e) is not None:
             return descend(scene, start, e, rtol=self.rtol)
         return newton(
-            scene, start, e, rtol=self.rtol, max_iterations=self.max_iterations,
+            scene,
+            start,
+            e,
+            rtol=self.rtol,
+            max_iterations=self.max_iterations,
             unstable=0 if point.unstable == 0 else None,
-        )  # fmt: skip
-
-    def _smooth(self, scene, before, after) -> bool:
-        """Whether the tangents at both ends explain the step; a jump to another path they don't."""
-        rates = [p.tangent[:-1] / p.tangent[-1] for p in (before, after)]
-        line = after.x - before.x
-        odd = line - after.step * (rates[0] + rates[1]) / 2
-        n, slack = scene.n_free, 1e-3 * scene.scales.length
-        return largest(odd[:n]) <= self.jump * largest(line[:n]) + slack
-
-    def _point(self, scene, point, found, spent, step) -> Point | None:
-        a = displacement_size(scene, found.x - point.x)
-        b = max(abs(found.e - point.e), 1e-2 * self.step)
-        metric = Metric(max(a, 1e-6), b, scene.n_free, scene.scales.length)
-        along = np.zeros(scene.size + 1)
-        along[-1] = found.e - point.e
-        factor = found.system.factorise()
-        way = tangent(scene, found.x, found.e, factor, along, metric)
-        if way is None:
-            return None
-        most = self.largest * self.step if found.iterations <= 3 else max(self.step, step)
-        grown = max(step, min(self.growth * step, most))
-        return Point(
-            point.index + 1, found.e, found.x, way, metric, found.system.unstable,
-            found.system.energy, spent, found.e - point.e, found.residual, (grown,), (),
-            point.past(),
-        )  # fmt: skip
+        )
 
 
 @dataclass(frozen=True)
@@ -191,7 +195,7 @@ class ArcLength:
 
     ``rtol``: see :func:`solver.paths.arc.correct`. ``a``, ``b`` > 0: first semi-axes, root mean
     square of the displacement over length, and load. ``smallest``, ``largest``: bounds of both as
-    shares of those; below, the path stops. ``order``: of the best predictor (see ``LoadSteps``).
+    fractions of those; below, the path stops. ``order``: of the best predictor (see ``LoadSteps``).
     ``forward``: least cosine between a step and the sum of the tangents at its ends; with a smaller
     one it doubles back, cuts a corner or ends on another path. ``easy``: iterations per step to aim
     at. ``noise``: on each guess; a step that would end in an unstable state is a noisy load step
@@ -217,50 +221,61 @@ class ArcLength:
     noise: Noise | None = None
 
     def __post_init__(self):
-        _positive(self, "rtol", "a", "b", "smallest", "largest", "easy")
+        positive(self, "rtol")
         if not (self.forward < 1 and 1 <= self.order <= 5):
             raise ValueError(
                 f"forward = {self.forward}, order = {self.order}; "
                 "expected forward < 1 and an order from 1 to 5"
             )
+        _ = self.pace
 
-    def begin(self, scene: Scene, x: np.ndarray, e: float, sign: float) -> Point | Outcome:
+    @property
+    def pace(self) -> ArcPace:
+        """The rule for the semi-axes."""
+        # What the noise costs to take back is no reason for shorter steps.
+        easy = self.easy if self.noise is None else 2 * self.easy
+        return ArcPace(self.a, self.b, self.smallest, self.largest, easy)
+
+    def begin(self, scene: Scene, x: np.ndarray, e: float, sign: float) -> Point | Ended:
         """First point of a path, which sets out with the load rising (sign 1) or falling (−1)."""
-        found = _start(scene, x, e, self.rtol)
-        if not found.converged:
-            return Outcome.NO_START
         along = np.zeros(scene.size + 1)
         along[-1] = sign * self.b
         metric = Metric(self.a, self.b, scene.n_free, scene.scales.length)
-        return _first(scene, found, along, metric, (self.a, self.b))
+        return _first(scene, x, e, self.rtol, along, metric, (self.a, self.b))
 
-    def advance(self, scene: Scene, point: Point, target: float | None = None) -> Point | Outcome:
+    def advance(self, scene: Scene, point: Point, target: float | None = None) -> Point | Ended:
         """The next point; it may pass the target."""
-        a, b = point.control if len(point.control) == 2 else (self.a, self.b)
+        pace = self.pace
+        a, b = pace.now(point.control)
         noisy, field, spent = scene, None, 0
         if self.noise is not None:
             noisy, field = self.noise.draw(scene, point)
-        while max(a / self.a, b / self.b) >= self.smallest:
+        while pace.allows(a, b):
             metric = point.metric.sized(a, b)
             guess = self._guess(noisy, point, metric, biased=spent == 0)
             if field is not None:
                 size = self.noise.amplitude * largest(guess[: scene.n_free])
                 guess[:-1] += noisy.longest_step(guess[:-1], size * field, guess[-1]) * size * field
-            found = correct(
-                noisy, guess, Ellipsoid(point.z, metric),
-                rtol=self.rtol, load_size=self.b, max_iterations=self.max_iterations,
-            )  # fmt: skip
-            spent += found.iterations
-            if found.converged:
-                if field is not None and found.system.unstable and found.system.energy is not None:
+            result = correct(
+                noisy,
+                guess,
+                Ellipsoid(point.z, metric),
+                rtol=self.rtol,
+                load_size=self.b,
+                max_iterations=self.max_iterations,
+            )
+            spent += result.iterations
+            if result.converged:
+                unstable = result.system.unstable and result.system.energy is not None
+                if field is not None and unstable:
                     # The corrector takes any noise back, so an unstable path is left downhill.
                     steps = LoadSteps(self.rtol, metric.b, noise=self.noise)
                     return steps.advance(scene, point, None)
-                made = self._point(noisy, point, found, metric, spent)
-                if made is not None:
-                    return made
-            a, b = a / np.sqrt(10), b / np.sqrt(10)  # (2.76)
-        return Outcome.MIN_STEP
+                after = self._point(noisy, point, result, metric, spent)
+                if after is not None:
+                    return after
+            a, b = pace.shorter(a, b)
+        return Ended(Outcome.MIN_STEP)
 
     def resume(self, point: Point, target: float | None) -> Point:
         """The point: the arc keeps its direction; see :func:`turned`."""
@@ -285,19 +300,19 @@ class ArcLength:
             for k in range(1, self.order):
                 t = 1.0
                 for _ in range(3):
-                    made = extrapolate(nodes, t)
-                    if k >= len(made):
+                    options = extrapolate(nodes, t)
+                    if k >= len(options):
                         break
-                    t /= max(metric.norm(made[k] - here), 0.5)
+                    t /= max(metric.norm(options[k] - here), 0.5)
                 else:
                     guesses.append(here + metric.unit(extrapolate(nodes, t)[k] - here))
         return min(guesses, key=lambda z: _misfit(scene, z[:-1], z[-1]))
 
-    def _point(self, scene, point, found, metric, spent) -> Point | None:
-        x, e = found.z[:-1], float(found.z[-1])
-        line = found.z - point.z
+    def _point(self, scene, point, result: Corrected, metric, spent) -> Point | None:
+        x, e = result.z[:-1], float(result.z[-1])
+        line = result.z - point.z
         before = metric.unit(point.tangent)
-        way = tangent(scene, x, e, found.system.factorise(), line, metric)
+        way = tangent(scene, x, e, result.system.factorise(), line, metric)
         if way is None:
             return None
         # A chord of a smooth path runs along the sum of the tangents at its ends, round a fold too.
@@ -305,27 +320,31 @@ class ArcLength:
         back = min(metric.dot(line, before), metric.dot(line, way)) <= 0
         if back or metric.dot(line, both) < self.forward * size * metric.norm(both):
             return None
-        # (2.75), with a gentle growth. Where the path runs along one axis (at a fold Δe is almost
-        # nothing) the other semi-axis would vanish and have to grow again step by step, so their
-        # ratio stays within a factor of ten of the first.
-        # What the noise costs to take back is no reason for shorter steps.
-        easy = self.easy if self.noise is None else 2 * self.easy
-        pace = np.clip(np.sqrt(easy / found.iterations), 0.5, np.sqrt(2))
-        moved = np.array([displacement_size(scene, line[:-1]), abs(line[-1])])
-        now, first = np.array([metric.a, metric.b]), np.array([self.a, self.b])
-        share = np.clip(np.sqrt(2) * moved * pace, 0.5 * now, 2 * now) / first
-        share = np.minimum(np.maximum(share, share.max() / 10), self.largest)
-        control = tuple(float(c) for c in share * first)
+        moved = (displacement_size(scene, line[:-1]), abs(line[-1]))
         return Point(
-            point.index + 1, e, x, way, metric, found.system.unstable, found.system.energy,
-            spent, e - point.e, found.residual, control, (), point.past(),
-        )  # fmt: skip
+            index=point.index + 1,
+            e=e,
+            x=x,
+            tangent=way,
+            metric=metric,
+            unstable=result.system.unstable,
+            energy=result.system.energy,
+            iterations=spent,
+            step=e - point.e,
+            residual=result.residual,
+            control=self.pace.following(metric, moved, result.iterations),
+            history=point.past(),
+        )
 
 
-def _positive(stepper, *names: str) -> None:
-    for name in names:
-        if not getattr(stepper, name) > 0:
-            raise ValueError(f"{name} = {getattr(stepper, name)}; expected a number > 0")
+def heading(point: Point, target: float | None) -> float:
+    """±1: whether the load rises or falls on the way to the target."""
+    return float(np.sign(point.tangent[-1] if target is None else target - point.e))
+
+
+def turned(point: Point) -> Point:
+    """The same point, set to walk its path the other way."""
+    return replace(point, tangent=-point.tangent, history=())
 
 
 def _misfit(scene: Scene, x: np.ndarray, e: float) -> float:
@@ -336,23 +355,30 @@ def _misfit(scene: Scene, x: np.ndarray, e: float) -> float:
 
 def _start(scene: Scene, x: np.ndarray, e: float, rtol: float) -> NewtonResult:
     """An equilibrium near the guess; where Newton finds none, down the energy if there is one."""
-    found = newton(scene, x, e, rtol=rtol, max_iterations=50, unstable=0)
-    if found.converged or found.outcome is Outcome.INADMISSIBLE or not scene.symmetric:
-        return found
-    return found if scene.energy(x, e) is None else descend(scene, x, e, rtol=rtol)
+    result = newton(scene, x, e, rtol=rtol, max_iterations=50, unstable=0)
+    if result.converged or result.outcome is Outcome.INADMISSIBLE or not scene.symmetric:
+        return result
+    return result if scene.energy(x, e) is None else descend(scene, x, e, rtol=rtol)
 
 
-def _first(scene, found: NewtonResult, along, metric, control) -> Point | Outcome:
-    factor: Factor = found.system.factorise()
-    way = tangent(scene, found.x, found.e, factor, along, metric)
+def _first(scene: Scene, x, e, rtol, along, metric, control) -> Point | Ended:
+    result = _start(scene, x, e, rtol)
+    if not result.converged:
+        return Ended(Outcome.NO_START)
+    factor: Factor = result.system.factorise()
+    way = tangent(scene, result.x, result.e, factor, along, metric)
     if way is None:
-        return Outcome.SINGULAR
+        return Ended(Outcome.SINGULAR)
     return Point(
-        0, found.e, found.x, way, metric, found.system.unstable, found.system.energy,
-        found.iterations, 0.0, found.residual, control,
-    )  # fmt: skip
-
-
-def turned(point: Point) -> Point:
-    """The same point, set to walk its path the other way."""
-    return replace(point, tangent=-point.tangent, history=())
+        index=0,
+        e=result.e,
+        x=result.x,
+        tangent=way,
+        metric=metric,
+        unstable=result.system.unstable,
+        energy=result.system.energy,
+        iterations=result.iterations,
+        step=0.0,
+        residual=result.residual,
+        control=control,
+    )

@@ -15,8 +15,9 @@ from solver.equilibrium.scene import Scene
 from solver.mesh.body import Body
 from solver.mesh.structured import box
 from solver.paths.continuation import load, trace
-from solver.paths.stable import Settle
-from solver.paths.steppers import ArcLength, LoadSteps, Noise, turned
+from solver.paths.noise import Noise
+from solver.paths.stable import StableSteps
+from solver.paths.steppers import ArcLength, LoadSteps, turned
 from solver.physics.elastic import Elastic
 from solver.physics.loads import Traction
 from solver.physics.materials import NeoHookean
@@ -62,7 +63,11 @@ def test_a_load_that_reverses_retraces_its_path(stepper):
 
 @pytest.mark.parametrize(
     "stepper",
-    [LoadSteps(1e-9, 0.1), ArcLength(1e-9, a=0.05, b=0.1), Settle(LoadSteps(1e-9, 0.1))],
+    [
+        LoadSteps(1e-9, 0.1),
+        ArcLength(1e-9, a=0.05, b=0.1),
+        StableSteps(LoadSteps(1e-9, 0.1), locate=False),
+    ],
     ids=["load steps", "arc", "settle"],
 )
 def test_a_restart_from_a_file_in_a_new_scene_is_the_same_path(stepper):
@@ -84,7 +89,7 @@ def test_a_restart_just_before_a_snap_snaps_alike():
     """The arch's path taken up at the last point before its snap ends in the same state with the
     same events."""
     scene, _ = arch(hinged=False, n=6, e_to=40.0)
-    stepper = Settle(LoadSteps(rtol=1e-9, step=0.1, cut=4.0))
+    stepper = StableSteps(LoadSteps(rtol=1e-9, step=0.1, cut=4.0), locate=False)
     whole = trace(scene, rest(scene), stepper, max_steps=60, events=False)
     at = next(k for k, p in enumerate(whole.points) if p.events)
     point = pickle.loads(pickle.dumps(whole.points[at - 1]))

@@ -18,9 +18,9 @@ from solver.equilibrium.linear import Pardiso
 from solver.equilibrium.scene import Scene
 from solver.mesh.body import Body, NodeGraph
 from solver.mesh.structured import box
-from solver.paths import steppers
 from solver.paths.continuation import trace
-from solver.paths.steppers import LoadSteps, Noise
+from solver.paths.noise import Noise
+from solver.paths.steppers import LoadSteps
 from solver.physics import ground, growth, loads, pressure
 from solver.physics.elastic import Elastic
 from solver.physics.growth import Isotropic
@@ -39,7 +39,7 @@ PARTS = {
     "pressure": [(pressure.Pressure, ("__init__", "evaluate"))],
     "traction": [(loads.Traction, ("__init__", "loads", "evaluate"))],
     "deadline": [(clock.Deadline, ("__init__", "evaluate"))],
-    "noise": [(steppers.Noise, ("draw",))],
+    "noise": [(Noise, ("draw",))],
     "growth": [
         (kind, ("__init__", "tensor"))
         for kind in (growth.Isotropic, growth.Orthotropic, growth.General, growth.AlongFibre)

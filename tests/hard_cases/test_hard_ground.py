@@ -20,7 +20,7 @@ from solver.equilibrium.scene import Scene
 from solver.mesh.body import Body
 from solver.mesh.structured import box
 from solver.paths.continuation import load, trace
-from solver.paths.stable import Settle
+from solver.paths.stable import StableSteps
 from solver.paths.steppers import LoadSteps
 from solver.physics.elastic import Elastic
 from solver.physics.ground import Ground
@@ -32,7 +32,7 @@ from solver.physics.supports import Fixed
 
 def settled(scene, *, until=1.0, step=0.1, start=None, **options):
     """Points of the stable path to a load, which must be reached."""
-    stepper = Settle(LoadSteps(rtol=1e-8, step=step, cut=4.0), **options)
+    stepper = StableSteps(LoadSteps(rtol=1e-8, step=step, cut=4.0), **options, locate=False)
     start = np.zeros(scene.size) if start is None else start
     path = trace(scene, start, stepper, until=load(until), max_steps=300, events=False)
     assert path.reached, path.outcome.value

@@ -13,7 +13,7 @@ from solver.mesh.body import Body
 from solver.mesh.quality import quality
 from solver.mesh.structured import box
 from solver.paths.continuation import load, trace
-from solver.paths.stable import Settle
+from solver.paths.stable import StableSteps
 from solver.paths.steppers import ArcLength, LoadSteps
 from solver.physics.elastic import Elastic
 from solver.physics.growth import General, Isotropic, Orthotropic
@@ -107,7 +107,7 @@ def pressed(by):
 
 @pytest.mark.parametrize(
     "stepper",
-    [LoadSteps(1e-10, 1.0, first=1.0), Settle(LoadSteps(1e-10, 1.0, first=1.0)),
+    [LoadSteps(1e-10, 1.0, first=1.0), StableSteps(LoadSteps(1e-10, 1.0, first=1.0), locate=False),
      ArcLength(1e-10, a=1.0, b=1.0)],
     ids=["load steps", "settle", "arc"],
 )  # fmt: skip
@@ -186,8 +186,12 @@ def test_growth_that_jumps_in_time_is_followed_to_the_same_end():
         term = Elastic(body, NeoHookean(modulus(h), 0.0), General(tensor))
         scene = Scene(body, [term], fixed=[*fixed, *held(body, 0, 0.0, 0, 1, 2)])
         path = trace(
-            scene, np.zeros(scene.size), Settle(LoadSteps(1e-9, 0.1)), max_steps=90, events=False
-        )  # fmt: skip
+            scene,
+            np.zeros(scene.size),
+            StableSteps(LoadSteps(1e-9, 0.1), locate=False),
+            max_steps=90,
+            events=False,
+        )
         assert path.reached and path.last.unstable == 0
         ends.append(scene.displacement(path.last.x, 1.0))
         if len(ends) == 2:

@@ -15,7 +15,7 @@ from solver.equilibrium.scene import Scene
 from solver.mesh.body import Body
 from solver.mesh.structured import box
 from solver.paths.continuation import load, trace
-from solver.paths.stable import Settle, StablePath
+from solver.paths.stable import StableSteps
 from solver.paths.steppers import ArcLength, LoadSteps
 from solver.physics.elastic import Elastic
 from solver.physics.loads import Traction
@@ -52,7 +52,7 @@ def test_a_cycle_of_load_snaps_there_and_back_and_loses_what_the_loop_encloses()
     """Truss under load up, down and up again: snaps at ± the closed form's limit, and the energy
     lost in both equals the area of the hysteresis loop (closed form, 1e-5)."""
     scene = truss()
-    stepper = StablePath(LoadSteps(1e-11, 4e-5))
+    stepper = StableSteps(LoadSteps(1e-11, 4e-5))
     up = trace(scene, rest(scene), stepper, until=load(4e-4), max_steps=80)
     down = trace(scene, up.last, stepper, until=load(-4e-4), max_steps=80)
     back = trace(scene, down.last, stepper, until=load(4e-4), max_steps=80)
@@ -97,10 +97,8 @@ def test_a_solid_arch_lands_on_the_far_branch_of_its_own_path():
     """The clamped arch snaps under load steps; where it comes to rest is the state that the arc
     reaches at that load the long way round (1e-6 of the span), and the energy is lower there."""
     scene, crown = arch(hinged=False, n=4, e_to=40.0)
-    settled = trace(
-        scene, rest(scene), Settle(LoadSteps(rtol=1e-9, step=0.1, cut=4.0)), max_steps=60,
-        events=False,
-    )  # fmt: skip
+    stepper = StableSteps(LoadSteps(rtol=1e-9, step=0.1, cut=4.0), locate=False)
+    settled = trace(scene, rest(scene), stepper, max_steps=60, events=False)
     assert settled.reached and settled.last.unstable == 0
     assert [ev.kind for ev in settled.events] == ["snap"]
     assert settled.events[0].energy_drop > 0
@@ -219,10 +217,14 @@ def test_two_branch_points_that_coincide():
 
 @pytest.mark.parametrize(
     "stepper",
-    [LoadSteps(1e-11, 0.25, first=1.0), LoadSteps(1e-11, 0.25, first=1.0, order=0),
-     StablePath(LoadSteps(1e-11, 0.25, first=1.0)), Settle(LoadSteps(1e-11, 0.25, first=1.0))],
-    ids=["load steps", "no predictor", "stable path", "settle"],
-)  # fmt: skip
+    [
+        LoadSteps(1e-11, 0.25, first=1.0),
+        LoadSteps(1e-11, 0.25, first=1.0, order=0),
+        StableSteps(LoadSteps(1e-11, 0.25, first=1.0)),
+        StableSteps(LoadSteps(1e-11, 0.25, first=1.0), locate=False),
+    ],
+    ids=["load steps", "no predictor", "located", "not located"],
+)
 def test_a_symmetric_branch_point_hit_exactly(stepper):
     """Steps of 0.25 that land on the critical load 1 of a perfect column to the last digit: the
     tangent there is exactly singular, and the path goes on."""

@@ -18,7 +18,8 @@ from solver.equilibrium.scene import Scene
 from solver.mesh.body import Body
 from solver.mesh.structured import box
 from solver.paths.continuation import trace
-from solver.paths.stable import Settle
+from solver.paths.point import Ended
+from solver.paths.stable import StableSteps
 from solver.paths.steppers import LoadSteps
 from solver.physics.elastic import Elastic
 from solver.physics.growth import General
@@ -44,7 +45,7 @@ def test_curling_that_turns_its_axis_by_a_right_angle():
     scene = Scene(body, [Elastic(body, NeoHookean(1.0, 0.3), General(tensor))], rows=rows)
     flat = np.zeros(scene.size)
     unrelaxed = scene.energy(flat, 0.0)
-    stepper = Settle(LoadSteps(rtol=1e-8, step=0.125))
+    stepper = StableSteps(LoadSteps(rtol=1e-8, step=0.125), locate=False)
     path = trace(scene, flat, stepper, max_steps=60, events=False)
     assert path.reached and {p.unstable for p in path.points} == {0}
     assert max(p.energy for p in path.points) < 1e-3 * unrelaxed
@@ -141,14 +142,14 @@ class _Ends:
     """A stepper's ``advance`` that fails at its n-th call."""
 
     def __init__(self, n, how):
-        self.n, self.how, self.own = n, how, Settle.advance
+        self.n, self.how, self.own = n, how, StableSteps.advance
 
     def __call__(self, stepper, *args):
         self.n -= 1
         if self.n:
             return self.own(stepper, *args)
         if isinstance(self.how, Outcome):
-            return self.how
+            return Ended(self.how)
         raise self.how
 
 
@@ -161,7 +162,7 @@ def test_before_is_the_state_before_the_last_however_a_path_ends(how, ending, mo
     ``Folding.before`` to the one before it. After a failure both used to be the last."""
     if how is not None:
         ends = _Ends(4, how)
-        monkeypatch.setattr(unit_path.Settle, "advance", lambda *args: ends(*args))
+        monkeypatch.setattr(unit_path.StableSteps, "advance", lambda *args: ends(*args))
     found = fold(build(replace(P, contraction=0.1), Meshing(COARSE), Physics(())))
     assert found.ending is ending and len(found.states) >= 4
     assert found.model.curves(found.x, found.last.e) == pytest.approx(found.last.curves)
@@ -173,7 +174,7 @@ def test_before_is_the_state_before_the_last_however_a_path_ends(how, ending, mo
 
 def test_a_path_that_ends_at_its_first_state_has_nothing_before(monkeypatch):
     """A path that fails at its first step: one state, its unknowns, and no state before."""
-    monkeypatch.setattr(unit_path.Settle, "advance", lambda *_: Outcome.NO_PROGRESS)
+    monkeypatch.setattr(unit_path.StableSteps, "advance", lambda *_: Ended(Outcome.NO_PROGRESS))
     found = fold(build(P, Meshing(COARSE), Physics(())))
     assert found.ending is Ending.LOST and len(found.states) == 1
     assert found.x is not None and found.before is None

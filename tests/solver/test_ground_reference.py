@@ -10,7 +10,7 @@ import pytest
 import reference_structures as case
 
 from solver.paths.continuation import follow, load
-from solver.paths.stable import Settle
+from solver.paths.stable import StableSteps
 from solver.paths.steppers import LoadSteps
 
 # (κ₀, γ, B_p, h): θ at the hinge's edge, θ at the tip, height of the tip; B_h = 1.
@@ -44,7 +44,9 @@ def followed(scene, start, until, stepper):
 def test_a_heavy_strip_folds_as_far_as_the_elastica(name):
     (curvature, weight, panel, h), (edge, tip, height) = CASES[name]
     scene, ground = case.heavy_strip(curvature=curvature, weight=weight, panel=panel, h=h)
-    points = followed(scene, np.zeros(scene.size), 1.0, Settle(LoadSteps(rtol=1e-8, step=0.1)))
+    points = followed(
+        scene, np.zeros(scene.size), 1.0, StableSteps(LoadSteps(rtol=1e-8, step=0.1), locate=False)
+    )
     x, e = points[-1].x, points[-1].e
     assert e == 1.0 and points[-1].unstable == 0
     assert case.section(scene, x, e, 0.1)[1] == pytest.approx(edge, rel=5e-3, abs=2e-3)
@@ -61,7 +63,9 @@ def test_a_heavy_strip_folds_as_far_as_the_elastica(name):
 
 def test_the_tips_of_a_strip_that_lies_on_three_lines_carry_their_share():
     scene, ground = case.heavy_strip(curvature=10, weight=100)
-    points = followed(scene, np.zeros(scene.size), 1.0, Settle(LoadSteps(rtol=1e-8, step=0.1)))
+    points = followed(
+        scene, np.zeros(scene.size), 1.0, StableSteps(LoadSteps(rtol=1e-8, step=0.1), locate=False)
+    )
     up = -ground.evaluate(scene.displacement(points[-1].x, 1.0), 1.0, 1).force[:, 2]
     tip = scene.body.nodes[:, 0] > 0.3
     assert up[tip].sum() / 0.01 == pytest.approx(7.826352, rel=5e-3)
@@ -83,7 +87,7 @@ def turning_point(scene, points):
 def test_weight_makes_folding_snap_over_and_back():
     # B_h/B_p = 0.02, γ = 150; thin, for the limits move with the thickness.
     scene, _ = case.heavy_strip(curvature=20, weight=150, panel=50, h=0.005, n=(6, 8))
-    stepper = Settle(LoadSteps(rtol=1e-8, step=0.04, cut=4.0), cuts=4)
+    stepper = StableSteps(LoadSteps(rtol=1e-8, step=0.04, cut=4.0), cuts=4, locate=False)
     up = followed(scene, np.zeros(scene.size), 1.0, stepper)
     (snap,) = up[-1].events
     assert snap.kind == "snap" and snap.energy_drop > 0 and up[-1].unstable == 0

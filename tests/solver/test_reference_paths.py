@@ -11,7 +11,7 @@ from scipy.interpolate import CubicHermiteSpline
 
 from solver.paths.continuation import trace
 from solver.paths.stability import switch
-from solver.paths.stable import StablePath
+from solver.paths.stable import StableSteps
 from solver.paths.steppers import ArcLength, LoadSteps
 
 # -- 4. bistable plates --------------------------------------------------------------------------
@@ -187,7 +187,7 @@ def test_self_weight_buckling():
 )
 def test_the_heavy_column_bends_over_on_its_stable_path(gamma, angle, height):
     scene = case.column(weight=gamma, h=0.01, n=12)
-    path = walked(scene, StablePath(LoadSteps(rtol=1e-8, step=0.05)), events=True)
+    path = walked(scene, StableSteps(LoadSteps(rtol=1e-8, step=0.05)), events=True)
     assert path.last.unstable == 0
     assert [event.kind for event in path.events] == ["branch", "bifurcation"]
     # It goes over where it can, not a step later, and doesn't creep there.

@@ -31,7 +31,7 @@ from solver.cases.lung.geometry import PARTS, Lung, unit
 from solver.equilibrium.scene import Scene
 from solver.mesh.body import Body
 from solver.paths.continuation import Path, trace
-from solver.paths.stable import Settle
+from solver.paths.stable import StableSteps
 from solver.paths.steppers import ArcLength, LoadSteps
 from solver.physics.elastic import Elastic
 from solver.physics.growth import AlongFibre, General, Growth, Isotropic
@@ -216,7 +216,7 @@ def run(
         return path
     last = path.last
     if over == "settle":
-        stepper, bounds = Settle(loads, cuts=1), (-np.inf, np.inf)
+        stepper, bounds = StableSteps(loads, cuts=1, locate=False), (-np.inf, np.inf)
     else:
         stepper = ArcLength(rtol=rtol, a=max(last.metric.a, 1e-4), b=0.3 / steps)
         bounds = (0.0, np.inf)

@@ -20,10 +20,11 @@ from solver.cases.unit.symmetry import CLASSES, Check, Symmetries
 from solver.equilibrium.clock import OutOfTime
 from solver.equilibrium.descent import descend
 from solver.equilibrium.linear import SingularMatrix
-from solver.equilibrium.newton import Outcome, newton
-from solver.paths.point import Point
-from solver.paths.stable import Settle
-from solver.paths.steppers import ArcLength, LoadSteps, Noise
+from solver.equilibrium.newton import newton
+from solver.paths.noise import Noise
+from solver.paths.point import Ended, Point
+from solver.paths.stable import StableSteps
+from solver.paths.steppers import ArcLength, LoadSteps
 from solver.physics.ground import Ground
 
 LONGEST = 0.2  # step of e, however little Timoshenko expects the hinge to turn
@@ -263,7 +264,7 @@ class _Walk:
             rtol=rtol, step=step, first=0.5, cut=4.0, growth=1.5, max_iterations=12,
             largest=max(1.0, LONGEST / step),
         )  # fmt: skip
-        self.stepper = Settle(self.steps)
+        self.stepper = StableSteps(self.steps, locate=False)
         if noise is not None:
             self.stepper = self.landing = replace(self.steps, noise=Noise(*noise))
             if arc:
@@ -286,14 +287,14 @@ class _Walk:
 
     def _walk(self, x: np.ndarray) -> Folding:
         point = self.stepper.begin(self.model.scene, x, 0.0, 1.0)
-        if isinstance(point, Outcome):
-            return self._end(Ending.NO_REST, point.value, None)
+        if isinstance(point, Ended):
+            return self._end(Ending.NO_REST, point.reason, None)
         while True:
             point = self._patiently(point)
             if isinstance(point, Ending):
                 return self._end(point, point.value, self.last)
-            if isinstance(point, Outcome):
-                return self._end(Ending.LOST, point.value, self.last)
+            if isinstance(point, Ended):
+                return self._end(Ending.LOST, point.reason, self.last)
             self.last, self.before, self.at = point, self.at, (self.model, point.x)
             if self.stop is not None and self.stop(self.states[-1]):
                 return self._end(Ending.STOPPED, Ending.STOPPED.value, point)
@@ -307,8 +308,8 @@ class _Walk:
                 # An arc passes its target; load steps land on it.
                 self.stepper, point = self.landing, self.landing.resume(self.last, 1.0)
                 point = self.stepper.advance(self.model.scene, point, 1.0)
-            if isinstance(point, Outcome):
-                return self._end(Ending.LOST, point.value, self.last)
+            if isinstance(point, Ended):
+                return self._end(Ending.LOST, point.reason, self.last)
 
     def _end(self, ending: Ending, detail: str, point: Point | None) -> Folding:
         # The model may have been widened since, in an attempt to go on from there.
@@ -318,28 +319,28 @@ class _Walk:
             time.monotonic() - self.begun, self.before,
         )  # fmt: skip
 
-    def _patiently(self, point: Point) -> Point | Outcome | Ending:
+    def _patiently(self, point: Point) -> Point | Ended | Ending:
         """As :meth:`_accept`; where the fall out of a symmetry finds no end, from a step further.
 
         Close beyond a branch point little energy drives the fall, and it creeps.
         """
         whole = self.stepper
-        for _ in range(PATIENCE if isinstance(whole, Settle) else 0):
+        for _ in range(PATIENCE if isinstance(whole, StableSteps) else 0):
             kept = self.model, self.symmetries, len(self.happenings)
             self.stepper = replace(whole, most=whole.most // 4)
             found = self._accept(point)
             self.stepper = whole
-            if not isinstance(found, Outcome) or self.model is kept[0] or point.e >= 1.0:
+            if not isinstance(found, Ended) or self.model is kept[0] or point.e >= 1.0:
                 return found
             self.model, self.symmetries = kept[:2]
             del self.happenings[kept[2] :]
             further = self.stepper.advance(self.model.scene, point, 1.0)
-            if isinstance(further, Outcome):
+            if isinstance(further, Ended):
                 return found
             point = further
         return self._accept(point)
 
-    def _accept(self, point: Point) -> Point | Outcome | Ending:
+    def _accept(self, point: Point) -> Point | Ended | Ending:
         """The point, or the one that the unit goes to where a symmetry is lost."""
         self.iterations += point.iterations
         for event in point.events:
@@ -350,7 +351,7 @@ class _Walk:
                 self.happenings.append(Happening(kind, event.e, event.size))
         checks = self.symmetries.check(point.x, point.e)
         lost = self._lost(checks)
-        while lost and self.model.mirrors and isinstance(self.stepper, Settle):
+        while lost and self.model.mirrors and isinstance(self.stepper, StableSteps):
             # Of classes lost in the same step the one that keeps most.
             first = max(lost, key=lambda c: len(c.kept))
             kept = first.kept
@@ -360,7 +361,7 @@ class _Walk:
             before = self.model.scene.displacement(x, point.e)
             self.symmetries = Symmetries(self.model)
             found = self.stepper.begin(self.model.scene, x, point.e, 1.0)
-            if isinstance(found, Outcome):
+            if isinstance(found, Ended):
                 return found
             self.iterations += found.iterations
             size = float(np.abs(self.model.scene.displacement(found.x, found.e) - before).max())

@@ -20,7 +20,7 @@ from solver.equilibrium.scene import Scene, System
 from solver.mesh.body import Body
 from solver.paths.arc import between
 from solver.paths.continuation import follow, load, trace
-from solver.paths.stable import StablePath
+from solver.paths.stable import StableSteps
 from solver.paths.steppers import ArcLength, LoadSteps, turned
 from solver.physics.elastic import Elastic
 from solver.physics.growth import Isotropic, Orthotropic
@@ -253,7 +253,7 @@ def test_growth_of_the_step_and_algorithm_3():
 
 
 @pytest.mark.parametrize(
-    "stepper", [TRUSS_ARC, LoadSteps(1e-10, 4e-5), StablePath(LoadSteps(1e-10, 4e-5))]
+    "stepper", [TRUSS_ARC, LoadSteps(1e-10, 4e-5), StableSteps(LoadSteps(1e-10, 4e-5))]
 )
 def test_a_start_without_equilibrium_is_an_outcome(stepper):
     scene = function_scene(
@@ -342,7 +342,7 @@ def test_the_energy_guides_where_unstable_modes_cannot_be_counted(monkeypatch):
 
 @pytest.mark.parametrize(
     "stepper",
-    [LoadSteps(1e-9, 0.3), ArcLength(1e-9, a=0.3, b=0.3), StablePath(LoadSteps(1e-9, 0.3))],
+    [LoadSteps(1e-9, 0.3), ArcLength(1e-9, a=0.3, b=0.3), StableSteps(LoadSteps(1e-9, 0.3))],
     ids=["load steps", "arc length", "stable path"],
 )
 def test_growth_that_a_step_overshoots_shortens_the_step(stepper):

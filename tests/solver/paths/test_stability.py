@@ -18,9 +18,10 @@ from solver.equilibrium.newton import Outcome, newton
 from solver.equilibrium.scene import Scene
 from solver.mesh.body import Body
 from solver.paths.continuation import load, trace
+from solver.paths.noise import Noise
 from solver.paths.stability import switch
-from solver.paths.stable import StablePath
-from solver.paths.steppers import ArcLength, LoadSteps, Noise
+from solver.paths.stable import StableSteps
+from solver.paths.steppers import ArcLength, LoadSteps
 from solver.physics.elastic import Elastic
 from solver.physics.materials import NeoHookean
 from solver.physics.supports import rotation_row, translation_row
@@ -114,7 +115,7 @@ def test_counts_are_on_the_states_the_rows_allow():
 def test_a_stable_path_snaps_through_to_the_lower_branch():
     scene = truss()
     path = trace(
-        scene, rest(scene), StablePath(LoadSteps(1e-10, 4e-5)), until=load(4e-4), max_steps=60
+        scene, rest(scene), StableSteps(LoadSteps(1e-10, 4e-5)), until=load(4e-4), max_steps=60
     )  # fmt: skip
     assert path.reached
     assert kinds(path) == ["fold", "snap"]
@@ -135,7 +136,7 @@ def test_a_stable_path_snaps_through_to_the_lower_branch():
 def test_a_stable_path_bifurcates_to_the_side_asked_for(cubic, size, side):
     # Supercritical: a small move off the straight column; subcritical: a jump
     scene = column(1.0, cubic=cubic, quintic=-cubic)
-    stepper = StablePath(LoadSteps(1e-11, 0.15), side=side)
+    stepper = StableSteps(LoadSteps(1e-11, 0.15), side=side)
     path = trace(scene, rest(scene), stepper, until=load(1.4), max_steps=60)
     assert path.reached
     assert kinds(path) == ["branch", "bifurcation"]
@@ -151,7 +152,7 @@ def test_a_stable_path_bifurcates_to_the_side_asked_for(cubic, size, side):
 def test_a_stable_path_that_falls_for_ever_ends_in_words():
     scene = column(1.0, cubic=-0.5)  # no valley beyond the branch point
     path = trace(
-        scene, rest(scene), StablePath(LoadSteps(1e-10, 0.15)), until=load(1.4), max_steps=60
+        scene, rest(scene), StableSteps(LoadSteps(1e-10, 0.15)), until=load(1.4), max_steps=60
     )  # fmt: skip
     assert path.outcome in (Outcome.NO_STABLE_STATE, Outcome.NO_PROGRESS)
     assert 0.8 < path.last.e < 1
@@ -163,7 +164,7 @@ def test_a_stable_path_that_falls_for_ever_ends_in_words():
 def test_a_fall_that_is_too_short_is_tried_again_with_a_longer_reach():
     # 300 steps of 1e-3 don't get to the valley at 0.83.
     scene = column(1.0, cubic=-0.5, quintic=0.5)
-    stepper = StablePath(LoadSteps(1e-11, 0.15), reach=1e-3)
+    stepper = StableSteps(LoadSteps(1e-11, 0.15), reach=1e-3)
     path = trace(scene, rest(scene), stepper, until=load(1.4), max_steps=60)
     assert path.reached
     assert kinds(path) == ["branch", "bifurcation"]
@@ -182,7 +183,7 @@ def test_where_one_side_falls_for_ever_the_other_one_is_tried(side):
         lambda q, e: (1 - e) * q - q**3 - wall(q) ** 5,
         lambda q, e: np.diag(1 - e - 3 * q**2 + 5 * wall(q) ** 4),
     )
-    stepper = StablePath(LoadSteps(1e-10, 0.15), side=side)
+    stepper = StableSteps(LoadSteps(1e-10, 0.15), side=side)
     path = trace(scene, rest(scene), stepper, until=load(1.4), max_steps=60)
     assert path.reached
     assert kinds(path) == ["branch", "bifurcation"]

@@ -22,7 +22,8 @@ from solver.equilibrium.scene import Scene
 from solver.mesh.body import Body
 from solver.mesh.structured import box
 from solver.paths.continuation import load, trace
-from solver.paths.stable import Settle
+from solver.paths.point import Ended
+from solver.paths.stable import StableSteps
 from solver.paths.steppers import LoadSteps
 
 P = Unit(
@@ -369,12 +370,12 @@ def test_a_fold_stays_when_it_is_released_to_contract_in_all_directions():
 
 
 def test_a_path_that_ends_while_it_loses_a_symmetry_ends_in_its_last_state(monkeypatch):
-    begin = Settle.begin
+    begin = StableSteps.begin
 
     def lost(self, scene, x, e, sign):
-        return begin(self, scene, x, e, sign) if e == 0 else Outcome.NO_STABLE_STATE
+        return begin(self, scene, x, e, sign) if e == 0 else Ended(Outcome.NO_STABLE_STATE)
 
-    monkeypatch.setattr(Settle, "begin", lost)
+    monkeypatch.setattr(StableSteps, "begin", lost)
     found = fold(build(P, Meshing(COARSEST), Physics((), growth="isotropic")))
     assert found.ending is Ending.LOST and found.detail == Outcome.NO_STABLE_STATE.value
     assert found.model.mirrors == ("x", "y")
@@ -402,15 +403,15 @@ def test_a_fall_that_finds_no_end_is_tried_again_a_step_on(monkeypatch, failures
 
     monkeypatch.setattr(Symmetries, "check", check)
     plain = reached(build(P, Meshing(0), Physics(())))
-    begin, failed = Settle.begin, []
+    begin, failed = StableSteps.begin, []
 
     def creeps(self, scene, x, e, sign):
         if e > 0 and len(failed) < failures:
             failed.append(e)
-            return Outcome.NO_STABLE_STATE
+            return Ended(Outcome.NO_STABLE_STATE)
         return begin(self, scene, x, e, sign)
 
-    monkeypatch.setattr(Settle, "begin", creeps)
+    monkeypatch.setattr(StableSteps, "begin", creeps)
     found = fold(build(P, Meshing(0), Physics(())))
     loads = [s.e for s in found.states]
     assert not set(failed) & set(loads) and sorted(failed) == failed

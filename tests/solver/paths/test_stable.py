@@ -1,4 +1,4 @@
-"""Settle and descend on functions whose wells and saddles are known."""
+"""Stable steps that don't locate, and descend, on functions whose wells and saddles are known."""
 
 from itertools import pairwise
 
@@ -9,14 +9,14 @@ from path_toys import column, function_scene, truss, truss_load
 from solver.equilibrium.descent import descend
 from solver.equilibrium.newton import Outcome
 from solver.paths.continuation import follow, load, trace
-from solver.paths.stable import Settle
+from solver.paths.stable import StableSteps
 from solver.paths.steppers import LoadSteps
 
 LIMIT = 1.905435952e-4  # references.md §6: von Mises truss, P/2EA at H/a = 0.1
 
 
 def settled(scene, until, step):
-    stepper = Settle(LoadSteps(1e-10, step, cut=4.0))
+    stepper = StableSteps(LoadSteps(1e-10, step, cut=4.0), locate=False)
     start = np.zeros(scene.size)
     return trace(scene, start, stepper, until=load(until), max_steps=100, events=False)
 
@@ -49,7 +49,9 @@ def test_a_step_that_newton_could_not_take_is_no_snap():
         lambda q, e: q**5 + q - e,
         lambda q, e: np.array([[5 * q[0] ** 4 + 1]]),
     )
-    stepper = Settle(LoadSteps(1e-10, 0.1, max_iterations=1, cut=4.0), cuts=0, far=0.01)
+    stepper = StableSteps(
+        LoadSteps(1e-10, 0.1, max_iterations=1, cut=4.0), cuts=0, far=0.01, locate=False
+    )
     points = list(follow(scene, np.zeros(1), stepper, until=load(2.0), max_steps=99, events=False))
     assert points[-1].e == 2.0
     assert max(p.iterations for p in points) > 2  # the energy did fall on the way
