@@ -139,7 +139,7 @@ def descend(
         else:
             here = step.z
             # A full step says that the shifted model is good: lean on it less.
-            shift *= 0.25 if step.share >= 1 else 1.0
+            shift *= 0.25 if step.fraction >= 1 else 1.0
     if iterations >= max_iterations:
         return result(Outcome.NO_STABLE_STATE)
     try:

@@ -16,6 +16,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from enum import Enum
+from typing import NamedTuple, Protocol
 
 import numpy as np
 
@@ -72,6 +73,11 @@ class NewtonResult:
         """Whether the tolerance was met."""
         return self.outcome is Outcome.CONVERGED
 
+    @property
+    def z(self) -> np.ndarray:
+        """(x, e) as one vector, (size + 1,)."""
+        return np.append(self.x, self.e)
+
 
 def newton(
     scene: Scene,
@@ -96,58 +102,130 @@ def newton(
     Raises ValueError for a tolerance ≤ 0 and for a guess of the wrong shape.
     """
     x = checked(scene, x, rtol)
-    n, length = scene.n_free, scene.scales.length
+    return iterate(
+        _AtLoad(scene, e, unstable), x, rtol=rtol, max_iterations=max_iterations, fresh=fresh
+    )
 
-    def size(dx):
-        return largest(dx[:n]) / length
 
-    def norm(dx):
-        return float(np.linalg.norm(dx[:n]))
+class Linear(NamedTuple):
+    """F(z) and the system of its stiffness; ``solver`` gives A⁻¹ or raises SingularMatrix."""
 
-    def residual(z):
-        return scene.residual(z, e)
+    residual: np.ndarray
+    system: System
+    solver: Callable[[], Callable[[np.ndarray], np.ndarray]]
 
+
+class Equations(Protocol):
+    """F(z) = 0, as :func:`iterate` asks for it.
+
+    ``state``: the unknowns and the load in z. ``linearise`` and ``residual``: None where the state
+    is not admissible. ``size``: of a correction, as a ratio to be compared with rtol; ``norm``: its
+    Euclidean length, by which steps are compared. ``step``: how far to go along dz, ``longest`` of
+    it at most.
+    """
+
+    scene: Scene
+
+    def state(self, z: np.ndarray) -> tuple[np.ndarray, float]: ...
+
+    def linearise(self, z: np.ndarray) -> Linear | None: ...
+
+    def residual(self, z: np.ndarray) -> np.ndarray | None: ...
+
+    def size(self, dz: np.ndarray) -> float: ...
+
+    def norm(self, dz: np.ndarray) -> float: ...
+
+    def longest_step(self, z: np.ndarray, dz: np.ndarray) -> float: ...
+
+    def step(self, system: System, solve, z, dz, longest: float) -> Step | Outcome: ...
+
+
+def iterate(
+    equations: Equations, z: np.ndarray, *, rtol: float, max_iterations: int, fresh: bool = True
+) -> NewtonResult:
+    """Damped Newton's method with chords from the guess z; see :func:`newton` for the options."""
     watch, correction, ratio = Stagnation(rtol), np.inf, np.inf
     system = None
+
+    def ended(outcome, iterations, z):
+        x, e = equations.state(z)
+        return NewtonResult(x, e, outcome, iterations, correction, ratio, system)
+
     for k in range(1, max_iterations + 1):
-        system = scene.system(x, e)
-        if system is None:
-            return NewtonResult(x, e, Outcome.INADMISSIBLE, k - 1, correction, ratio, None)
-        ratio = largest(system.residual) / scene.scales.force
+        linear = equations.linearise(z)
+        if linear is None:
+            system = None
+            return ended(Outcome.INADMISSIBLE, k - 1, z)
+        system = linear.system
+        ratio = largest(system.residual) / equations.scene.scales.force
         try:
-            solve = system.factorise().solve
-            dx = -solve(system.residual)
+            solve = linear.solver()
+            dz = -solve(linear.residual)
         except SingularMatrix:
-            dx = np.full_like(x, np.nan)
-        correction = size(dx)
+            dz = np.full_like(z, np.nan)
+        correction = equations.size(dz)
         if not np.isfinite(correction):
-            return NewtonResult(x, e, Outcome.SINGULAR, k, np.inf, ratio, system)
-        share = scene.longest_step(x, dx, e)
+            correction = np.inf
+            return ended(Outcome.SINGULAR, k, z)
+        longest = equations.longest_step(z, dz)
         # A barrier may be thinner than the tolerance: what oversteps it is no solution.
-        if correction <= rtol and share >= 1.0:
-            return NewtonResult(x + dx, e, Outcome.CONVERGED, k, correction, ratio, system)
+        if correction <= rtol and longest >= 1.0:
+            return ended(Outcome.CONVERGED, k, z + dz)
         if watch.stuck(correction):
-            return NewtonResult(x, e, Outcome.STAGNATED, k, correction, ratio, system)
-        step = None
+            return ended(Outcome.STAGNATED, k, z)
+        step = equations.step(system, solve, z, dz, longest)
+        if isinstance(step, Outcome):
+            return ended(step, k, z)
+        z, last = chords(equations.residual, solve, step, equations.size, rtol)
+        if last <= rtol and not fresh:
+            correction = last
+            return ended(Outcome.CONVERGED, k, z)
+    return ended(Outcome.NOT_CONVERGED, max_iterations, z)
+
+
+class _AtLoad:
+    """R(x) = 0 at one load; where there is an energy it may guide the steps."""
+
+    def __init__(self, scene: Scene, e: float, unstable: int | None):
+        self.scene, self._e, self._unstable = scene, e, unstable
+
+    def state(self, z):
+        return z, self._e
+
+    def linearise(self, z):
+        system = self.scene.system(z, self._e)
+        if system is None:
+            return None
+        return Linear(system.residual, system, lambda: system.factorise().solve)
+
+    def residual(self, z):
+        return self.scene.residual(z, self._e)
+
+    def size(self, dz):
+        return largest(dz[: self.scene.n_free]) / self.scene.scales.length
+
+    def norm(self, dz):
+        return float(np.linalg.norm(dz[: self.scene.n_free]))
+
+    def longest_step(self, z, dz):
+        return self.scene.longest_step(z, dz, self._e)
+
+    def step(self, system, solve, z, dz, longest):
         # Without a count the slope alone says whether the step goes downhill.
-        count = system.unstable
-        guided = count in (0, None) if unstable is None else unstable == 0
+        count, step = system.unstable, None
+        guided = count in (0, None) if self._unstable is None else self._unstable == 0
         if system.energy is not None and guided:
             if count != 0:
-                step = damped(residual, solve, x, dx, norm, share, trials=1)
+                step = damped(self.residual, solve, z, dz, self.norm, longest, trials=1)
                 step = step if isinstance(step, Step) else None
             if step is None:
-                step = downhill(scene, system, x, e, dx, share)
-            if step is None and unstable == 0 and count != 0:
-                step = downhill(scene, system, x, e, -dx, share)
+                step = downhill(self.scene, system, z, self._e, dz, longest)
+            if step is None and self._unstable == 0 and count != 0:
+                step = downhill(self.scene, system, z, self._e, -dz, longest)
         if step is None:
-            step = damped(residual, solve, x, dx, norm, share)
-        if isinstance(step, Outcome):
-            return NewtonResult(x, e, step, k, correction, ratio, system)
-        x, left = chords(residual, solve, step, size, rtol)
-        if left <= rtol and not fresh:
-            return NewtonResult(x, e, Outcome.CONVERGED, k, left, ratio, system)
-    return NewtonResult(x, e, Outcome.NOT_CONVERGED, max_iterations, correction, ratio, system)
+            step = damped(self.residual, solve, z, dz, self.norm, longest)
+        return step
 
 
 def checked(scene: Scene, x: np.ndarray, rtol: float) -> np.ndarray:
@@ -186,12 +264,12 @@ class Stagnation:
 
 @dataclass(frozen=True, eq=False)
 class Step:
-    """An accepted step to z: the share taken, the residual there, the correction it calls for."""
+    """An accepted step to z: the fraction taken, the residual there and its correction."""
 
     z: np.ndarray
-    share: float
+    fraction: float
     residual: np.ndarray
-    left: np.ndarray | None = None
+    correction: np.ndarray | None = None
 
 
 def damped(
@@ -200,38 +278,38 @@ def damped(
     z: np.ndarray,
     dz: np.ndarray,
     norm: Callable[[np.ndarray], float],
-    share: float = 1.0,
+    longest: float = 1.0,
     trials: int = 20,
 ) -> Step | Outcome:
-    """A share of dz that passes the natural monotonicity test ‖A⁻¹R(z + t dz)‖ ≤ (1 − t/4)‖dz‖.
+    """A fraction of dz that passes the natural monotonicity test ‖A⁻¹R(z + t dz)‖ ≤ (1 − t/4)‖dz‖.
 
     After Deuflhard, Newton Methods for Nonlinear Problems, NLEQ-ERR.
     """
-    full, t, seen = norm(dz), share, False
+    full, t, admissible = norm(dz), longest, False
     for _ in range(trials):
-        if t < 1e-4 * share:
+        if t < 1e-4 * longest:
             break
         trial = z + t * dz
         R = residual(trial)
         if R is None:
             t /= 2
             continue
-        seen = True
-        left = -solve(R)
-        length = norm(left)
+        admissible = True
+        simplified = -solve(R)
+        length = norm(simplified)
         if length <= (1 - t / 4) * full:
-            return Step(trial, t, R, left)
-        curved = norm(left - (1 - t) * dz)
+            return Step(trial, t, R, simplified)
+        curved = norm(simplified - (1 - t) * dz)
         t = min(max(0.5 * full * t * t / curved, 0.1 * t), 0.5 * t) if curved > 0 else t / 2
-    return Outcome.NO_PROGRESS if seen else Outcome.INADMISSIBLE
+    return Outcome.NO_PROGRESS if admissible else Outcome.INADMISSIBLE
 
 
 def downhill(
-    scene: Scene, system: System, x: np.ndarray, e: float, dx: np.ndarray, share: float
+    scene: Scene, system: System, x: np.ndarray, e: float, dx: np.ndarray, longest: float
 ) -> Step | Outcome | None:
-    """A share of dx along which the energy falls (Armijo); None where dx is not downhill.
+    """A fraction of dx along which the energy falls (Armijo); None where dx is not downhill.
 
-    On the constraint rows: the energy is completed by the new multipliers times what is left of the
+    On the constraint rows: the energy is completed by the new multipliers times what remains of the
     rows' residual, (1 − t) r, so that a guess which violates the rows may have to climb.
     """
     n = scene.n_free
@@ -248,25 +326,25 @@ def downhill(
     # and only the slopes are to be believed (Hager and Zhang 2005, approximate Wolfe).
     # Next to no strain at all it is roundoff of the scene's own energy.
     noise = 1e-6 * (abs(start) + abs(system.energy)) + 1e-15 * scene.scales.energy
-    t, seen = share, False
-    while t > 1e-4 * share:
+    t, admissible = longest, False
+    while t > 1e-4 * longest:
         trial = x + t * dx
-        found = scene.gradient(trial, e)
-        if found is None:
+        there = scene.gradient(trial, e)
+        if there is None:
             t /= 2
             continue
-        seen = True
-        energy, R = found
-        value, there = energy + (1 - t) * lift, slope_of(R, t)
+        admissible = True
+        energy, R = there
+        value, new_slope = energy + (1 - t) * lift, slope_of(R, t)
         falls = value <= start + 1e-4 * t * slope
-        if falls or (value <= start + noise and abs(there) <= 0.8 * abs(slope)):
+        if falls or (value <= start + noise and abs(new_slope) <= 0.8 * abs(slope)):
             return Step(trial, t, R)
         # Minimum of the parabola through both slopes, or through values where slopes mislead.
         lower = -slope * t * t / (2 * (value - start - slope * t))
-        if there > 0:
-            lower = min(lower, t * slope / (slope - there))
+        if new_slope > 0:
+            lower = min(lower, t * slope / (slope - new_slope))
         t = min(max(lower, 0.1 * t), 0.6 * t)
-    return Outcome.NO_PROGRESS if seen else Outcome.INADMISSIBLE
+    return Outcome.NO_PROGRESS if admissible else Outcome.INADMISSIBLE
 
 
 def chords(
@@ -281,21 +359,21 @@ def chords(
 
     ``size`` inf: the step was shortened, or the old factor has nothing good to say.
     """
-    z, left = step.z, step.left
-    if step.share < 1:
+    z, correction = step.z, step.correction
+    if step.fraction < 1:
         return z, np.inf
-    if left is None:
-        left = -solve(step.residual)
-    now = size(left)
+    if correction is None:
+        correction = -solve(step.residual)
+    now = size(correction)
     for _ in range(most):
         if now <= rtol:
-            return z + left, now
-        R = residual(z + left)
+            return z + correction, now
+        R = residual(z + correction)
         if R is None:
             break
-        after = -solve(R)
-        then = size(after)
+        following = -solve(R)
+        then = size(following)
         if then > 0.25 * now:
             break
-        z, left, now = z + left, after, then
+        z, correction, now = z + correction, following, then
     return z, np.inf

@@ -1,4 +1,4 @@
-"""Points of a path, and the extended system R(x, e) = 0, f(x, e) = 0 that carries it round folds.
+"""The extended system R(x, e) = 0, f(x, e) = 0 that carries a path round folds.
 
 The load e is an unknown and f says where on the path to stop: an ellipsoid about the last point
 (Eqs. 2.64–2.71) or a plane. The bordered matrix
@@ -17,8 +17,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from solver.equilibrium.linear import Factor, SingularMatrix
-from solver.equilibrium.newton import Outcome, Stagnation, chords, damped, largest
-from solver.equilibrium.scene import Scene, System
+from solver.equilibrium.newton import Linear, NewtonResult, damped, iterate, largest
+from solver.equilibrium.scene import Scene
 from solver.paths.point import Metric, Point
 
 
@@ -77,22 +77,6 @@ class Bordered:
         return np.append(p - self._v * second, first + second)
 
 
-@dataclass(frozen=True, eq=False)
-class Corrected:
-    """What :func:`correct` found; the factor of ``system`` is alive."""
-
-    z: np.ndarray
-    outcome: Outcome
-    iterations: int
-    residual: float
-    system: System | None
-
-    @property
-    def converged(self) -> bool:
-        """Whether the tolerance was met."""
-        return self.outcome is Outcome.CONVERGED
-
-
 def correct(
     scene: Scene,
     z: np.ndarray,
@@ -101,52 +85,58 @@ def correct(
     rtol: float,
     load_size: float,
     max_iterations: int,
-) -> Corrected:
+) -> NewtonResult:
     """Newton on the extended system (Eqs. 2.65–2.72) from the guess z = (x, e), (size + 1,).
 
     Converged when max|Δu| / length and |Δe| / ``load_size`` are ≤ ``rtol``. A step is shortened
-    until the simplified correction shrinks.
+    until the simplified correction shrinks. The factor of the result's ``system`` is alive.
     """
-    n, length = scene.n_free, scene.scales.length
-    watch, ratio = Stagnation(rtol), np.inf
-    h = 1e-4 * load_size
+    extended = _Extended(scene, constraint, load_size)
+    return iterate(extended, z, rtol=rtol, max_iterations=max_iterations)
 
-    def size(dz):
-        return max(largest(dz[:n]) / length, abs(dz[-1]) / load_size)
 
-    def norm(dz):
-        return float(np.hypot(np.linalg.norm(dz[:n]) / length / np.sqrt(n), dz[-1] / load_size))
+class _Extended:
+    """R(x, e) = 0, f(x, e) = 0."""
 
-    def residual(z):
-        R = scene.residual(z[:-1], z[-1])
-        return None if R is None else np.append(R, constraint.value(z))
+    def __init__(self, scene: Scene, constraint: Ellipsoid | Plane, load_size: float):
+        self.scene, self._constraint, self._load_size = scene, constraint, load_size
 
-    for k in range(1, max_iterations + 1):
-        x, e = z[:-1], float(z[-1])
-        system = scene.system(x, e)
-        ahead = None if system is None else scene.residual(x, e + h)
+    def state(self, z):
+        return z[:-1], float(z[-1])
+
+    def linearise(self, z):
+        (x, e), h = self.state(z), 1e-4 * self._load_size
+        system = self.scene.system(x, e)
+        ahead = None if system is None else self.scene.residual(x, e + h)
         if ahead is None:
-            return Corrected(z, Outcome.INADMISSIBLE, k - 1, ratio, None)
-        ratio = largest(system.residual) / scene.scales.force
+            return None
         rate = (ahead - system.residual) / h
-        try:
-            solve = Bordered(system.factorise(), rate, constraint.row(z)).solve
-            dz = -solve(np.append(system.residual, constraint.value(z)))
-        except SingularMatrix:
-            dz = np.full_like(z, np.nan)
-        correction = size(dz)
-        if not np.isfinite(correction):
-            return Corrected(z, Outcome.SINGULAR, k, ratio, system)
-        share = scene.longest_step(x, dz[:-1], e)
-        if correction <= rtol and share >= 1.0:
-            return Corrected(z + dz, Outcome.CONVERGED, k, ratio, system)
-        if watch.stuck(correction):
-            return Corrected(z, Outcome.STAGNATED, k, ratio, system)
-        step = damped(residual, solve, z, dz, norm, share)
-        if isinstance(step, Outcome):
-            return Corrected(z, step, k, ratio, system)
-        z, _ = chords(residual, solve, step, size, rtol)
-    return Corrected(z, Outcome.NOT_CONVERGED, max_iterations, ratio, system)
+        f = self._constraint
+        return Linear(
+            np.append(system.residual, f.value(z)),
+            system,
+            lambda: Bordered(system.factorise(), rate, f.row(z)).solve,
+        )
+
+    def residual(self, z):
+        R = self.scene.residual(z[:-1], z[-1])
+        return None if R is None else np.append(R, self._constraint.value(z))
+
+    def size(self, dz):
+        n, length = self.scene.n_free, self.scene.scales.length
+        return max(largest(dz[:n]) / length, abs(dz[-1]) / self._load_size)
+
+    def norm(self, dz):
+        n, length = self.scene.n_free, self.scene.scales.length
+        return float(
+            np.hypot(np.linalg.norm(dz[:n]) / length / np.sqrt(n), dz[-1] / self._load_size)
+        )
+
+    def longest_step(self, z, dz):
+        return self.scene.longest_step(z[:-1], dz[:-1], float(z[-1]))
+
+    def step(self, system, solve, z, dz, longest):
+        return damped(self.residual, solve, z, dz, self.norm, longest)
 
 
 def tangent(
@@ -193,37 +183,44 @@ def between(
     scene: Scene,
     before: Point,
     after: Point,
-    share: float,
+    fraction: float,
     *,
     rtol: float,
 ) -> tuple[Point, Factor] | None:
-    """The path's point between two neighbours, and the factor there; None if it is not found.
+    """The path's point between two neighbours, and the factor there; None if it is not reached.
 
-    ``share`` in (0, 1): where, along the straight line from ``before`` to ``after``; the point lies
-    in the plane across that line.
+    ``fraction`` in (0, 1): where, along the straight line from ``before`` to ``after``; the point
+    lies in the plane across that line.
     """
     start, end = before.z, after.z
     line = end - start
     metric = after.metric
     h = metric.norm(line)
     d0, d1 = (h * metric.unit(p.tangent) for p in (before, after))
-    t = share
-    guess = (
-        (2 * t**3 - 3 * t**2 + 1) * start + (t**3 - 2 * t**2 + t) * d0
-        + (3 * t**2 - 2 * t**3) * end + (t**3 - t**2) * d1
-    )  # fmt: skip
-    plane = Plane(start + share * line, metric.row(line) / h)
-    found = correct(scene, guess, plane, rtol=rtol, load_size=metric.b, max_iterations=12)
+    t = fraction
+    guess = (2 * t**3 - 3 * t**2 + 1) * start + (t**3 - 2 * t**2 + t) * d0
+    guess = guess + (3 * t**2 - 2 * t**3) * end + (t**3 - t**2) * d1
+    plane = Plane(start + fraction * line, metric.row(line) / h)
+    result = correct(scene, guess, plane, rtol=rtol, load_size=metric.b, max_iterations=12)
     # Back on the path between the two, not on some other path that crosses the plane.
-    if not found.converged or metric.norm(found.z - guess) > 0.5 * h:
+    if not result.converged or metric.norm(result.z - guess) > 0.5 * h:
         return None
-    x, e = found.z[:-1], float(found.z[-1])
-    factor = found.system.factorise()
-    way = tangent(scene, x, e, factor, line, metric)
+    factor = result.system.factorise()
+    way = tangent(scene, result.x, result.e, factor, line, metric)
     if way is None:
         return None
     point = Point(
-        before.index, e, x, way, metric, found.system.unstable, found.system.energy,
-        found.iterations, e - before.e, found.residual, before.control, (), before.past(),
-    )  # fmt: skip
+        index=before.index,
+        e=result.e,
+        x=result.x,
+        tangent=way,
+        metric=metric,
+        unstable=result.system.unstable,
+        energy=result.system.energy,
+        iterations=result.iterations,
+        step=result.e - before.e,
+        residual=result.residual,
+        control=before.control,
+        history=before.past(),
+    )
     return point, factor

@@ -17,7 +17,7 @@ from solver.equilibrium.descent import descend
 from solver.equilibrium.linear import Factor
 from solver.equilibrium.newton import NewtonResult, Outcome, largest, newton
 from solver.equilibrium.scene import Scene
-from solver.paths.arc import Corrected, Ellipsoid, correct, extrapolate, tangent
+from solver.paths.arc import Ellipsoid, correct, extrapolate, tangent
 from solver.paths.noise import Noise
 from solver.paths.pace import ArcPace, LoadPace, positive, towards
 from solver.paths.point import Ended, Metric, Point, displacement_size
@@ -308,8 +308,8 @@ class ArcLength:
                     guesses.append(here + metric.unit(extrapolate(nodes, t)[k] - here))
         return min(guesses, key=lambda z: _misfit(scene, z[:-1], z[-1]))
 
-    def _point(self, scene, point, result: Corrected, metric, spent) -> Point | None:
-        x, e = result.z[:-1], float(result.z[-1])
+    def _point(self, scene, point, result: NewtonResult, metric, spent) -> Point | None:
+        x, e = result.x, result.e
         line = result.z - point.z
         before = metric.unit(point.tangent)
         way = tangent(scene, x, e, result.system.factorise(), line, metric)
