@@ -1,0 +1,30 @@
+"""Which states `foldlab simulate` shows."""
+
+import numpy as np
+
+from foldlab.labels.solver import SolverSource
+from foldlab.unit import plots, record, render
+
+DESIGN = {
+    "E_ratio": 0.1, "rho_ratio": 1.0, "hinge_length": 0.2, "hinge_width": 1.0, "h_ratio": 5.0,
+    "stiffness_to_weight": 1.0, "aspect": 0.2, "slenderness": 4e-3, "contraction": 0.3,
+}  # fmt: skip
+
+
+def test_shapes_are_of_the_flat_the_half_folded_and_the_last_state(tmp_path, monkeypatch):
+    source = SolverSource(accuracy=0.05, effects="none")
+    run, label = source.follow(DESIGN)
+    asked, shown = [], []
+    monkeypatch.setattr(render, "render", lambda request, folder: asked.append(request))
+    right = plots.plot_side
+    monkeypatch.setattr(
+        plots, "plot_side", lambda curves, *a, **k: shown.append(curves) or right(curves, *a, **k)
+    )
+    record.draw(tmp_path, label, run, source, animate=False)
+    loads = np.array([shape.load for shape in run.shapes])
+    wanted = [k for k, *_ in asked[0].pictures]
+    middle = wanted[1]
+    assert wanted == [0, middle, len(loads) - 1]
+    # No other state is nearer to half of the contraction.
+    assert abs(loads[middle] - 0.5) == np.abs(loads - 0.5).min()
+    assert len(shown[0]) == 3 and (tmp_path / "shapes.png").exists()
