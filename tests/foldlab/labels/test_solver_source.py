@@ -109,6 +109,32 @@ def test_a_fold_that_turns_fully_ends_there():
     assert f"{100 * reached:.3g} % contraction" in label.reason
 
 
+def test_a_hinge_that_curls_by_half_a_turn_ends_there():
+    # A wide thin hinge that contracts in all directions curls about the other axis.
+    wide = LIGHT | {"aspect": 0.5, "hinge_length": 0.2, "slenderness": 0.01, "contraction": 0.4}
+    run = SolverSource(effects="none", growth="isotropic").run(wide, 0)
+    assert run.closed and run.settled
+    assert run.measures["m2"] >= np.pi > run.history[-2]["m2"]
+    assert run.measures["m1"] < 1 and run.folding.last.e < 1
+
+
+@pytest.mark.parametrize(
+    "across, m1, levels",
+    [(0.0, 1.1, 2), (0.29, 1.1, 2), (0.31, 1.1, 3), (0.69, 1.1, 3), (0.71, 1.1, 2), (0.5, 0.9, 2)],
+)
+def test_where_turning_across_the_hinge_decides_two_elements_across_tell_it(
+    across, m1, levels, monkeypatch
+):
+    """Meshes 0 and 1 have one element across; m2 errs by up to a fifth of |g|π on them."""
+    source = SolverSource(accuracy=0.1, effects="none")
+    run = source.run(LIGHT, 0)
+    need = np.pi * LIGHT["contraction"]
+    run.history[-1] |= {"m1": m1 * need, "m2": across * need}
+    monkeypatch.setattr(source, "run", lambda *args, **limits: run)
+    monkeypatch.setattr(source, "_refined", lambda run, level, deadline: (run, 1e-6))
+    assert source.label(LIGHT).evidence["levels"] == levels
+
+
 def test_a_fold_can_exist_where_the_hinge_contracts_in_all_directions():
     # Little contraction of a narrow hinge: the fold survives the release, and fewer mesh.
     design = LIGHT | {"contraction": 0.05, "aspect": 0.05, "slenderness": 0.01}

@@ -97,6 +97,40 @@ def test_panels_that_move_alike_do_not_feel_each_other(closed):
         assert same == ("y" not in kept), CLASSES[kept]
 
 
+def test_a_panel_that_a_mesh_carries_too_deep_is_drawn_back(closed):
+    # Both panels pushed 0.2 thicknesses through the plane between them: deeper than the barrier's
+    # floor. Each point is drawn back by itself, for panels lean.
+    u = closed.model.scene.displacement(closed.x, 1.0)
+    depth = closed.model.contact.depth
+    panel = closed.model.body.nodes[:, 1] > P.hinge_length / 2
+    u[panel, 1] -= 2 * depth
+    model, x = carried(closed.model, closed.model.scene.unknowns(u), 1.0, meshing=Meshing(1))
+    assert model.clearance(x, 1.0) == pytest.approx(-0.9 * depth)
+    assert np.isfinite(model.scene.energy(x, 1.0))
+    hinge = model.body.nodes[:, 1] < 0.4 * P.hinge_length
+    unmoved = carried(closed.model, closed.x, 1.0, meshing=Meshing(1))[1]
+    moved = model.scene.displacement(x, 1.0) - model.scene.displacement(unmoved, 1.0)
+    assert np.abs(moved[hinge]).max() < 1e-3 * depth
+
+
+@pytest.mark.parametrize("contraction", [0.3, 1e-4])
+def test_panels_that_just_touch_press_with_the_hinge_s_moment(contraction):
+    unit = replace(P, contraction=contraction)
+    model = build(unit, Meshing(0), Physics(("contact",)))
+    u = np.zeros_like(model.body.nodes)
+    u[:, 1] = -model.body.nodes[:, 1]  # every point at the plane
+    force = model.contact.evaluate(u, 1.0).force
+    # Timoshenko's curvature, or that of a radius l_s where it is less; B = E_s h_s³/12 per width,
+    # pressure B κ/h_s; a quarter's panel is (l_s − l_i)/2 long, and the active layer's
+    # end, which may touch its image too, h_i high.
+    m, n, h = unit.h_ratio, unit.E_ratio, unit.slenderness
+    kappa = contraction * 6 * (1 + m) / h
+    kappa /= 3 * (1 + m) ** 2 + (1 + m * n) * (m**2 + 1 / (m * n))
+    area = ((1 - unit.hinge_length) / 2 + unit.h_ratio * h) * unit.aspect / 2
+    assert -force[:, 1].sum() == pytest.approx(h**2 / 12 * max(kappa, 1.0) * area, rel=1e-6)
+    assert not force[:, [0, 2]].any()
+
+
 def test_contact_is_absent_unless_asked_for(monkeypatch):
     model = build(P, Meshing(0), Physics(()))
     assert model.contact is None and model.effects == ("elastic",)

@@ -14,7 +14,7 @@ from foldlab.labels.timoshenko import lift_off_stiffness
 from solver.cases.unit import mesh as unit_mesh
 from solver.cases.unit.choices import Meshing, Physics, Supports, Watch
 from solver.cases.unit.model import build
-from solver.cases.unit.path import Ending, fold, refined
+from solver.cases.unit.path import Ending, carried, fold, refined
 from solver.cases.unit.symmetry import Check, Symmetries
 from solver.cases.unit.unit import EFFECTS, Unit
 from solver.equilibrium.newton import Outcome
@@ -340,6 +340,34 @@ def test_a_refined_state_is_the_end_of_the_path_on_that_mesh(effects):
     assert angle(fine) == pytest.approx(angle(path), rel=1e-5)
     assert fine.model.scene.size == path.model.scene.size
     assert fine.iterations < 0.7 * path.iterations
+
+
+def test_a_state_that_went_elsewhere_is_not_taken_for_the_refined_one():
+    coarse = reached(build(replace(P, contraction=0.02), Meshing(0), Physics(())))
+    last = coarse.last
+
+    def claimed(**changes):
+        return replace(coarse, states=(*coarse.states[:-1], replace(last, **changes)))
+
+    aside = np.array([0.0, 0.0, 1.0])
+    assert refined(claimed(curves=last.curves + 0.09 * aside), 1) is not None
+    assert refined(claimed(curves=last.curves + 0.11 * aside), 1) is None
+    assert refined(claimed(checks=(Check((), 1, 1),)), 1) is None
+
+
+def test_a_carried_state_is_lifted_off_the_floor_as_a_whole():
+    model = build(HEAVY, Meshing(0))
+    depth = model.ground.depth
+    sag = np.zeros_like(model.body.nodes)
+    sag[:, 2] = -0.5 * depth * np.cos(np.pi * model.body.nodes[:, 1])
+    for sunk, lift in ((0.0, 0.0), (0.3 * depth, 0.0), (2.0 * depth, 1.6 * depth)):
+        x = model.scene.unknowns(sag - [0, 0, sunk])
+        fine, start = carried(model, x, 0.0, meshing=Meshing(1))
+        u = fine.scene.displacement(start, 0.0)
+        want = -0.5 * depth * np.cos(np.pi * fine.body.nodes[:, 1]) - sunk + lift
+        assert u[:, 2] == pytest.approx(want, abs=0.02 * depth)
+        assert fine.gaps(start, 0.0).min() > -0.91 * depth
+        assert np.isfinite(fine.scene.energy(start, 0.0))
 
 
 def test_a_mesh_of_ones_own_is_refined_to_the_level_that_is_asked_for():
