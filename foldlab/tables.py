@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import csv
+import io
 import os
+import re
 import tempfile
 from collections.abc import Callable, Mapping
 from pathlib import Path
@@ -15,24 +18,78 @@ from pyarrow import ArrowException, interchange
 from foldlab.errors import InputError
 
 SUFFIXES = (".parquet", ".csv")
+# How much of a CSV's text decides its separator and decimal sign.
+HEAD = 1 << 16
 
 
 def read_table(path: str | Path) -> pd.DataFrame:
-    """Read a Parquet or CSV table; raises :class:`InputError` if missing, empty or damaged."""
+    """Read a Parquet or CSV table; raises :class:`InputError` if missing, empty or damaged.
+
+    A CSV may have commas, semicolons or tabs between its cells, blanks after them, decimal commas
+    (not between commas) and a byte-order mark; a column may stand in it only once, and no row may
+    have more cells than the header.
+    """
     path = Path(path)
     _check_suffix(path)
     if not path.is_file():
         raise InputError(f"no file {path}; give an existing .parquet or .csv table")
     try:
-        frame = pd.read_parquet(path) if path.suffix == ".parquet" else pd.read_csv(path)
-    except (ArrowException, OSError, ValueError) as error:
+        frame = pd.read_parquet(path) if _kind(path) == ".parquet" else _read_csv(path)
+    except InputError:
+        raise
+    except (ArrowException, csv.Error, OSError, ValueError) as error:
+        why = str(error).partition("\n")[0]
         raise InputError(
-            f"{path} can't be read as {path.suffix[1:]} ({str(error).splitlines()[0]}); "
+            f"{path} can't be read as {_kind(path)[1:]} ({why}); "
             "write it again, for example with `foldlab sample` or `foldlab export`"
         ) from None
     if len(frame) == 0:
         raise InputError(f"{path} has no rows; give a table with at least one design")
     return frame
+
+
+def _read_csv(path: Path) -> pd.DataFrame:
+    with path.open(encoding="utf-8-sig", newline="") as file:
+        head = file.read(HEAD)
+        separator = max(",;\t", key=lambda s: len(next(_rows(io.StringIO(head), s), [])))
+        file.seek(0)
+        rows = _rows(file, separator)
+        header = next(rows, [])
+        if not header:
+            raise ValueError("it is empty")
+        # pandas would shift such a row, or drop its last cells, without a word.
+        long = next((k for k, row in enumerate(rows) if any(row[len(header) :])), None)
+    if long is not None:
+        raise InputError(
+            f"{path} has more cells in row {long} than the {len(header)} of its header; mend the "
+            "row (decimal commas need semicolons or tabs between cells)"
+        )
+    if twice := [name for name in header if name and header.count(name) > 1]:
+        raise InputError(f"{path} has the column {twice[0]} twice; keep the one that counts")
+    frame = pd.read_csv(
+        path, sep=separator, decimal=_decimal(head, separator), usecols=range(len(header)),
+        index_col=False, skipinitialspace=True, encoding="utf-8-sig",
+    )  # fmt: skip
+    bare = {f"Unnamed: {k}" for k, name in enumerate(header) if not name}
+    frame.columns = [name.strip() for name in frame.columns]
+    return frame.drop(columns=[name for name in bare if frame[name].isna().all()])
+
+
+def _rows(lines, separator: str):
+    """The rows of a CSV that hold anything, their cells without blanks around them."""
+    for row in csv.reader(lines, delimiter=separator, skipinitialspace=True):
+        if any(cells := [cell.strip() for cell in row]):
+            yield cells
+
+
+def _decimal(text: str, separator: str) -> str:
+    def cell(sign: str) -> re.Pattern:
+        return re.compile(rf'(?m)(?:^|{separator})[ "]*[+-]?\d*{sign}\d+(?:[eE][+-]?\d+)?[ "]*'
+                          rf"(?:{separator}|\r|$)")  # fmt: skip
+
+    if separator == "," or cell(r"\.").search(text) or not cell(",").search(text):
+        return "."
+    return ","
 
 
 def as_frame(X):
@@ -88,7 +145,7 @@ def write_table(frame: pd.DataFrame, path: str | Path) -> Path:
     """Write a Parquet or CSV table by way of a temporary file: whole or not at all."""
     path = Path(path)
     _check_suffix(path)
-    write = frame.to_parquet if path.suffix == ".parquet" else frame.to_csv
+    write = frame.to_parquet if _kind(path) == ".parquet" else frame.to_csv
     replace_file(path, lambda temporary: write(temporary, index=False))
     return path
 
@@ -114,8 +171,12 @@ def replace_file(path: Path, write: Callable[[Path], object]) -> None:
         Path(temporary).unlink(missing_ok=True)
 
 
+def _kind(path: Path) -> str:
+    return path.suffix.lower()
+
+
 def _check_suffix(path: Path) -> None:
-    if path.suffix not in SUFFIXES:
+    if _kind(path) not in SUFFIXES:
         raise InputError(
             f"{path}: ending {path.suffix or '(none)'!r}; tables end in {' or '.join(SUFFIXES)}"
         )

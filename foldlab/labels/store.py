@@ -299,7 +299,7 @@ class LabelStore:
         }
         frame.attrs["foldlab"] = how
         path = write_table(frame, path)
-        if path.suffix == ".csv":
+        if path.suffix.lower() == ".csv":
             text = json.dumps(how, indent=1) + "\n"
             replace_file(path.with_name(path.name + ".json"), lambda file: file.write_text(text))
         return len(frame)

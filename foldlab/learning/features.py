@@ -14,6 +14,8 @@ from foldlab.errors import InputError
 from foldlab.labels.label import _as_bool
 from foldlab.tables import as_frame
 
+WORDS = {"yes": True, "no": False, "true": True, "false": False, "1": True, "0": False}
+
 
 def groups_array(X, space: DesignSpace) -> np.ndarray:
     """Designs as floats, shape (n, number of groups), columns in the space's order.
@@ -36,11 +38,12 @@ def groups_array(X, space: DesignSpace) -> np.ndarray:
 
 
 def as_labels(y) -> np.ndarray:
-    """Labels as a boolean array (n,), True = folds; from booleans, 0/1 or a nullable column.
+    """Labels as a boolean array (n,), True = folds; from booleans, 0/1, words or a nullable column.
 
-    Raises :class:`InputError` for unknown (missing) labels and anything else but yes or no.
+    Words are yes and no, true and false, in any case. Raises :class:`InputError` for unknown
+    (missing) labels and anything else.
     """
-    labels = pd.array(np.asarray(y, dtype=object).ravel())
+    labels = pd.array([_from_word(label) for label in np.asarray(y, dtype=object).ravel()])
     missing = np.asarray(pd.isna(labels))
     if missing.any():
         raise InputError(
@@ -51,6 +54,10 @@ def as_labels(y) -> np.ndarray:
     if bad:
         raise InputError(f"labels contain {bad[0]}; expected true or false for every design")
     return np.asarray(labels).astype(bool)
+
+
+def _from_word(label):
+    return WORDS.get(label.strip().lower(), label) if isinstance(label, str) else label
 
 
 class GroupFeatures(TransformerMixin, BaseEstimator):

@@ -17,6 +17,8 @@ from foldlab.learning.network import SmoothNetwork
 from foldlab.learning.scoring import score
 from foldlab.learning.symbolic.engines import Constraints
 from foldlab.learning.symbolic.estimators import SymbolicRegressor
+from foldlab.learning.train import known_labels
+from foldlab.tables import read_table, write_table
 
 
 class Like:
@@ -129,3 +131,90 @@ def test_names_that_can_not_be_read_are_an_error_not_a_guess():
     np.testing.assert_array_equal(groups_array(X.to_numpy(), REDUCED), X)
     with pytest.raises(InputError, match="column E_ratio stands 2 times"):
         groups_array(pd.concat([X, X["E_ratio"]], axis=1), REDUCED)
+
+
+X = REDUCED.sample(5, seed=3).round(4)
+PLAIN = X.to_csv(index=False)
+GERMAN = PLAIN.replace(",", ";").replace(".", ",")
+READABLE = {
+    "plain": PLAIN,
+    "blanks": PLAIN.replace(",", " ,  "),
+    "semicolons": PLAIN.replace(",", ";"),
+    "decimal commas": GERMAN,
+    "quoted decimal commas": GERMAN.replace(";", '";"').replace("\n", '"\n"')[:-1],
+    "tabs": PLAIN.replace(",", "\t"),
+    "tabs, decimal commas": GERMAN.replace(";", "\t"),
+    "byte-order mark": "\ufeff" + PLAIN,
+    "quoted header": PLAIN.replace("E_ratio", '"E_ratio"'),
+    "quoted header after a mark": "\ufeff" + GERMAN.replace("E_ratio", '"E_ratio"'),
+    "trailing commas": PLAIN.replace("\n", ",\n"),
+    "trailing commas in the rows": PLAIN.replace("\n", ",\n").replace(",\n", "\n", 1),
+    "lines of Windows": PLAIN.replace("\n", "\r\n"),
+    "lines of Windows, German": GERMAN.replace("\n", ";\r\n"),
+    "empty lines": "\n" + PLAIN.replace("\n", "\n\n"),
+}
+
+
+@pytest.mark.parametrize("name", READABLE)
+@pytest.mark.parametrize("suffix", [".csv", ".CSV"])
+def test_tables_of_other_programs_are_read(name, suffix, tmp_path):
+    text = READABLE[name]
+    if name == "quoted decimal commas":
+        text = '"' + text
+    path = tmp_path / f"d{suffix}"
+    path.write_text(text, encoding="utf-8", newline="")
+    pd.testing.assert_frame_equal(read_table(path), X)
+
+
+def add(line, cells):
+    """The plain table with cells added to one line, or to all rows."""
+    lines = PLAIN.splitlines()
+    for k in range(1, len(lines)) if line is None else [line]:
+        lines[k] += cells
+    return "\n".join(lines)
+
+
+UNREADABLE = {
+    "first row too long": (add(1, ",3"), "more cells in row 0 than the 3 of its header"),
+    "a later row too long": (add(4, ",3"), "more cells in row 3 than"),
+    "all rows too long": (add(None, ",3"), "more cells in row 0 than"),
+    "a later row far too long": (add(4, ",3,,4"), "more cells in row 3 than"),
+    "decimal commas between commas": (PLAIN.replace(".", ","), "decimal commas need semicolons"),
+    "repeated": (PLAIN.replace("h_ratio", "E_ratio"), "has the column E_ratio twice"),
+    "repeated after blanks": (PLAIN.replace("h_ratio", " E_ratio "), "the column E_ratio twice"),
+    "empty": (" \n\n", r"can't be read as csv \(it is empty\)"),
+    "Latin letters": ("größe,b\n1,2\n".encode("latin-1"), "can't be read as csv .*utf-8"),
+}
+
+
+@pytest.mark.parametrize("name", UNREADABLE)
+def test_tables_that_can_not_be_read_name_the_cause(name, tmp_path):
+    text, cause = UNREADABLE[name]
+    path = tmp_path / "d.csv"
+    path.write_bytes(text if isinstance(text, bytes) else text.encode())
+    with pytest.raises(InputError, match=cause):
+        read_table(path)
+
+
+def test_thousands_between_decimal_points_are_no_decimals(tmp_path):
+    path = tmp_path / "d.csv"
+    path.write_text("E_ratio;h_ratio;slenderness\n1,000;2.5;0.01\n")
+    with pytest.raises(InputError, match="E_ratio is not numeric"):
+        REDUCED.validate(read_table(path))
+
+
+def test_tables_are_written_by_endings_in_capitals_too(tmp_path):
+    for name in ("d.CSV", "d.PARQUET"):
+        pd.testing.assert_frame_equal(read_table(write_table(X, tmp_path / name)), X)
+
+
+@pytest.mark.parametrize(("yes", "no"), [("yes", "no"), ("Yes ", "No"), ("TRUE", "False")])
+def test_labels_may_be_words(yes, no, tmp_path):
+    path = tmp_path / "d.csv"
+    words = [yes, no, "", no, yes]
+    path.write_text(X.assign(foldable=words).to_csv(index=False))
+    known, unknown = known_labels(read_table(path), REDUCED)
+    assert known["foldable"].tolist() == [True, False, False, True] and unknown == 1
+    path.write_text(X.assign(foldable=[*words[:4], "perhaps"]).to_csv(index=False))
+    with pytest.raises(InputError, match="labels contain perhaps"):
+        known_labels(read_table(path), REDUCED)
