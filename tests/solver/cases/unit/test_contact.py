@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from folding_units import P
 from proofs import BODIES, ELEMENTS, prove, state
 from scipy.optimize import brentq
 
@@ -12,13 +13,7 @@ from solver.cases.unit.choices import Meshing, Physics, Supports
 from solver.cases.unit.model import build
 from solver.cases.unit.path import Ending, carried, fold, refined
 from solver.cases.unit.symmetry import CLASSES, Check, Symmetries
-from solver.cases.unit.unit import Unit
 from solver.physics.ground import Ground
-
-P = Unit(
-    E_ratio=0.1, rho_ratio=1.0, hinge_length=0.2, hinge_width=1.0, h_ratio=5.0,
-    stiffness_to_weight=1.0, aspect=0.2, slenderness=4e-3, contraction=0.3,
-)  # fmt: skip
 
 
 @pytest.fixture(scope="module")
