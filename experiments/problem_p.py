@@ -91,11 +91,11 @@ def run(config: Config, tracker) -> dict[str, Any]:
     tracker.figure("problem_p", figure)
     series = write_series(config.series_level, config.g)
     picture(series, OUT / "problem_p_shapes.png")
-    return {"table": rows, "curves": curves.to_dict("records"), "series": str(series)}
+    return {"table": rows, "curves": curves.to_dict("records"), "series": str(series.path)}
 
 
 def write_series(level: int, g: float):
-    """The whole unit as ``out/problem_p/unit.pvd`` (ParaView, PyVista), and its path and scene."""
+    """The whole unit as a series ``out/problem_p/unit.pvd`` (ParaView, PyVista)."""
     scene = problem_p.scene(problem_p.mesh(level, quarter=False), g)
     path = follow_to(scene)
     folder = OUT / "problem_p"
@@ -104,21 +104,21 @@ def write_series(level: int, g: float):
     for point in path.points:
         u = scene.displacement(point.x, point.e)
         series.write(point.e, u, cell_data=cell_fields(scene.body, u, scene.terms, point.e))
-    return folder / "unit.pvd"
+    return series
 
 
-def picture(series, path, times: int = 3) -> None:
+def picture(series: Series, path, times: int = 3) -> None:
     """Deformed shapes at the start, middle and end of a series, coloured by energy density."""
     import pyvista
 
-    reader = pyvista.get_reader(str(series))
-    values = reader.time_values
+    reader = pyvista.get_reader(str(series.path))
     plotter = pyvista.Plotter(
         off_screen=True, window_size=(1200, 420), shape=(1, times), border=False
     )
     plotter.set_background("white")
     for k in range(times):
-        reader.set_active_time_value(min(values, key=lambda v, k=k: abs(v - k / (times - 1))))
+        near = np.abs(np.array(series.loads) - k / (times - 1))
+        reader.set_active_time_point(int(near.argmin()))
         shape = reader.read()[0].warp_by_vector("displacement")
         surface = shape.extract_surface(nonlinear_subdivision=4, algorithm="dataset_surface")
         plotter.subplot(0, k)

@@ -1,7 +1,8 @@
 """VTU files and PVD series that ParaView and PyVista open; second-order cells stay second-order.
 
 Positions are those of the reference state; the point field "displacement" warps them. Every
-sub-domain's number is in the cell field "layer", their names in the field data "layer_names".
+sub-domain's number is in the cell field "layer", their names in the field data "layer_names". A
+state of a series has its load e in the field data "load".
 """
 
 from __future__ import annotations
@@ -9,6 +10,7 @@ from __future__ import annotations
 import os
 import xml.etree.ElementTree as ET
 from collections.abc import Iterable, Mapping
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -86,12 +88,14 @@ def grid(
     *,
     point_data: Mapping[str, np.ndarray] | None = None,
     cell_data: Mapping[str, np.ndarray] | None = None,
+    load: float | None = None,
 ) -> vtkUnstructuredGrid:
     """VTK grid of a body in its reference state; ``pyvista.wrap`` makes a PyVista grid of it.
 
     ``u`` (n, 3): the point field "displacement", the unit of length of the nodes. ``point_data``
     (n, ...) at the nodes; ``cell_data`` (m, ...) per cell, or (m, q, ...) at the quadrature points,
-    of which the mean by volume is taken. Raises ValueError for fields of other shapes.
+    of which the mean by volume is taken; ``load``: the field data of this name. Raises ValueError
+    for fields of other shapes.
     """
     out = vtkUnstructuredGrid()
     points = vtkPoints()
@@ -126,6 +130,8 @@ def grid(
         for name in names:
             table.InsertNextValue(name)
         out.GetFieldData().AddArray(table)
+    if load is not None:
+        _add(out.GetFieldData(), "load", np.array([float(load)]))
     return out
 
 
@@ -136,6 +142,7 @@ def write_vtu(
     *,
     point_data: Mapping[str, np.ndarray] | None = None,
     cell_data: Mapping[str, np.ndarray] | None = None,
+    load: float | None = None,
 ) -> Path:
     """Writes what :func:`grid` makes as a compressed .vtu, all of it or nothing.
 
@@ -147,7 +154,7 @@ def write_vtu(
         raise ValueError(f"{path.name}: expected a name that ends in .vtu")
     if not path.parent.is_dir():
         raise ValueError(f"there is no folder {path.parent}; make it first")
-    data = grid(body, u, point_data=point_data, cell_data=cell_data)
+    data = grid(body, u, point_data=point_data, cell_data=cell_data, load=load)
     draft = path.with_name(f".{path.name}.{os.getpid()}")
     writer = vtkXMLUnstructuredGridWriter()
     writer.SetFileName(str(draft))
@@ -165,9 +172,11 @@ def write_vtu(
 
 
 class Series:
-    """A PVD series: states over the load e, one .vtu each, beside the .pvd.
+    """A PVD series: states in the order of a path, one .vtu each, beside the .pvd.
 
-    Whatever dies, the .pvd names only files that are whole. With ``resume`` the states in an
+    Its times grow from state to state, steps or lengths along the path, since the load may return
+    or stay where the state snaps; each state's load is in its field data and in the .pvd. Whatever
+    dies, the .pvd names only files that are whole. With ``resume`` the states in an
     existing .pvd stay, and writing goes on after them; without it they are replaced.
     """
 
@@ -178,51 +187,73 @@ class Series:
             raise ValueError(f"{self.path.name}: expected a name that ends in .pvd")
         if not self.path.parent.is_dir():
             raise ValueError(f"there is no folder {self.path.parent}; make it first")
-        self._states: list[tuple[float, str]] = []
+        # (time, load, file) of each state
+        self._states: list[tuple[float, float, str]] = []
         if resume and self.path.exists():
             try:
-                entries = ET.parse(self.path).getroot().iter("DataSet")
-                self._states = [(float(d.attrib["timestep"]), d.attrib["file"]) for d in entries]
+                entries = [d.attrib for d in ET.parse(self.path).getroot().iter("DataSet")]
+                # Series of earlier versions have no loads: their times were loads.
+                self._states = [
+                    (float(a["timestep"]), float(a.get("load", a["timestep"])), a["file"])
+                    for a in entries
+                ]
+                if not all(a < b for a, b in pairwise([-np.inf, *self.times, np.inf])):
+                    raise ValueError("its times do not grow")
             except (ET.ParseError, KeyError, ValueError) as error:
                 raise ValueError(f"{self.path} is no PVD series: {error}; move it away") from error
 
     @property
     def loads(self) -> list[float]:
-        """The loads e written so far, in order."""
-        return [e for e, _ in self._states]
+        """The loads e written so far, in the order of the path."""
+        return [e for _, e, _ in self._states]
+
+    @property
+    def times(self) -> list[float]:
+        """The times of the states, growing."""
+        return [time for time, _, _ in self._states]
 
     def write(
         self,
         e: float,
         u: np.ndarray,
         *,
+        time: float | None = None,
         point_data: Mapping[str, np.ndarray] | None = None,
         cell_data: Mapping[str, np.ndarray] | None = None,
     ) -> Path:
-        """Adds the state at the load e; one that is there already at this e is replaced.
+        """Adds the state at the load e after those that are there.
 
-        Returns the .vtu's path; raises what :func:`write_vtu` raises.
+        ``time``: the length along the path, or seconds; by default the next whole number, a step. A
+        state that is there at this time is replaced. Returns the .vtu's path; raises what
+        :func:`write_vtu` raises, and ValueError for a time before the last.
         """
-        known = dict(self._states)
+        last = self._states[-1][0] if self._states else -np.inf
+        if time is None:
+            time = max(np.floor(last) + 1, 0.0)
+        known = {t: name for t, _, name in self._states}
+        if not (np.isfinite(time) and (time > last or time in known)):
+            raise ValueError(f"time {time:g} after {last:g}; give steps or lengths that grow")
         taken = set(known.values())
         count = len(self._states)
-        name = known.get(e)
+        name = known.get(time)
         while name is None:
             name = f"{self.path.stem}_{count:05d}.vtu"
             if name in taken:
                 name, count = None, count + 1
         path = self.path.with_name(name)
-        write_vtu(path, self.body, u, point_data=point_data, cell_data=cell_data)
-        if e not in known:
-            self._states.append((e, name))
+        write_vtu(path, self.body, u, point_data=point_data, cell_data=cell_data, load=e)
+        kept = [state for state in self._states if state[0] != time]
+        self._states = sorted([*kept, (float(time), float(e), name)])
         self._index()
         return path
 
     def _index(self) -> None:
         root = ET.Element("VTKFile", type="Collection", version="0.1")
         collection = ET.SubElement(root, "Collection")
-        for e, name in self._states:
-            ET.SubElement(collection, "DataSet", timestep=repr(float(e)), part="0", file=name)
+        for time, e, name in self._states:
+            ET.SubElement(
+                collection, "DataSet", timestep=repr(time), part="0", load=repr(e), file=name
+            )
         ET.indent(root)
         draft = self.path.with_name(f".{self.path.name}.{os.getpid()}")
         try:

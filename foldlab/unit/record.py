@@ -153,8 +153,6 @@ def draw(out: Path, label: Label, run: Run, source: SolverSource, *, animate: bo
     last = len(load) - 1
     three = sorted({0, int(np.abs(load - load[-1] / 2).argmin()), last})
     film = np.unique(np.linspace(0, last, min(last + 1, FRAMES)).round().astype(int))
-    # A series keeps one state per load.
-    order = {e: k for k, e in enumerate(dict.fromkeys(load))}
     with tempfile.TemporaryDirectory() as folder:
         names = {k: Path(folder) / f"shape{k}.png" for k in three}
         frames = {k: Path(folder) / f"frame{k}.png" for k in film} if animate else {}
@@ -163,7 +161,7 @@ def draw(out: Path, label: Label, run: Run, source: SolverSource, *, animate: bo
         request = Request(
             str(out / "series" / "unit.pvd"), str(out / "curves.npz"), ground,
             label.design["slenderness"],
-            [(int(k), order[load[k]], str(path), width) for k, path, width in wanted],
+            [(int(k), str(path), width) for k, path, width in wanted],
         )  # fmt: skip
         drawn = render(request, Path(folder))
         chosen = [titles[k] for k in three]

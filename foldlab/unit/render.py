@@ -29,21 +29,21 @@ class Request:
     """What to draw.
 
     ``series``: PVD file; ``curves``: NPZ file with ``curves`` (states, 4, points, 3); ``ground``:
-    whether there is one at z = 0. Each of ``pictures`` is (state in the curves, state in the
-    series, PNG file, width in pixels); all have one camera and one scale.
+    whether there is one at z = 0. Each of ``pictures`` is (state, PNG file, width in pixels); all
+    have one camera and one scale.
     """
 
     series: str
     curves: str
     ground: bool
     slenderness: float
-    pictures: list[tuple[int, int, str, int]]
+    pictures: list[tuple[int, str, int]]
 
 
 def render(request: Request, folder: Path, timeout: float = 120.0) -> bool:
     """Whether another process has drawn all pictures. ``folder`` takes the request."""
     path = Path(folder) / "request.json"
-    pictures = [name for _, _, name, _ in request.pictures]
+    pictures = [name for _, name, _ in request.pictures]
     return drawn_apart("foldlab.unit.render", asdict(request), path, pictures, timeout)
 
 
@@ -77,9 +77,9 @@ def draw(request: Request) -> None:
     with np.load(request.curves) as file:
         curves = file["curves"]
     shapes = {}
-    for state, place, _, _ in request.pictures:
+    for state, _, _ in request.pictures:
         if state not in shapes:
-            reader.set_active_time_point(place)
+            reader.set_active_time_point(state)
             shapes[state] = reader.read()[0].warp_by_vector("displacement")
     bounds = np.array([shape.bounds for shape in shapes.values()]).reshape(-1, 3, 2)
     low, high = bounds[..., 0].min(axis=0), bounds[..., 1].max(axis=0)
@@ -96,7 +96,7 @@ def draw(request: Request) -> None:
     # The curves lie within the sheet. Of a thin one tubes come out on both sides.
     thin = request.slenderness < 0.008
     radius = 0.5 * request.slenderness + 0.0018
-    for state, _, name, width in request.pictures:
+    for state, name, width in request.pictures:
         height = max(2, round(width * extent[1] / extent[0]))
         plotter = pyvista.Plotter(off_screen=True, window_size=(width, height))
         plotter.set_background("white")

@@ -147,10 +147,10 @@ def test_series_is_resumable_and_names_only_whole_files(tmp_path, monkeypatch):
     again = Series(tmp_path / "fold.pvd", body, resume=True)
     assert again.loads == [0.0, 0.25]
     again.write(0.1 + 0.2, u + 0.3, cell_data={"e": np.full(len(body.cells), 0.3)})
-    again.write(0.25, u + 9)  # replaced, not doubled
+    again.write(0.25, u + 9, time=1)  # replaced, not doubled
     reader = pv.PVDReader(tmp_path / "fold.pvd")
-    assert reader.time_values == [0.0, 0.25, 0.1 + 0.2]
-    reader.set_active_time_value(0.25)
+    assert reader.time_values == [0.0, 1.0, 2.0]
+    reader.set_active_time_value(1.0)
     np.testing.assert_allclose(reader.read()[0]["displacement"], 9)
     # A failure while writing leaves the series as it was.
     monkeypatch.setattr(output.os, "replace", lambda *_: (_ for _ in ()).throw(OSError("full")))
@@ -162,6 +162,47 @@ def test_series_is_resumable_and_names_only_whole_files(tmp_path, monkeypatch):
         "fold.pvd", "fold_00000.vtu", "fold_00001.vtu", "fold_00002.vtu"
     ]  # fmt: skip
     assert Series(tmp_path / "fold.pvd", body).loads == []
+
+
+@pytest.mark.parametrize("times", [None, [0.0, 0.5, 1.2, 1.25, 2.0, 7.0]])
+def test_states_keep_their_order_when_the_load_returns_or_snaps(times, tmp_path):
+    """Sorted by load, a path that turned back came out shuffled, and a snap lost a state."""
+    body = make("hex8")
+    u = np.zeros_like(body.nodes)
+    loads = [0.0, 0.6, 0.4, 0.4, 0.6, -0.1]
+    series = Series(tmp_path / "snap.pvd", body)
+    for k, e in enumerate(loads):
+        if k == 3:
+            series = Series(tmp_path / "snap.pvd", body, resume=True)
+            assert series.loads == loads[:3]
+        series.write(e, u + k, time=times and times[k])
+    wanted = times or list(range(6))
+    assert (series.loads, series.times) == (loads, wanted)
+    reader = pv.PVDReader(tmp_path / "snap.pvd")
+    assert reader.time_values == wanted
+    for k, e in enumerate(loads):
+        reader.set_active_time_point(k)
+        state = reader.read()[0]
+        assert state.field_data["load"] == [e]
+        np.testing.assert_array_equal(state["displacement"], k)
+    with pytest.raises(ValueError, match="give steps or lengths that grow"):
+        series.write(0.3, u, time=1.1)
+    with pytest.raises(ValueError, match="give steps or lengths that grow"):
+        series.write(0.3, u, time=np.nan)
+
+
+def test_series_of_earlier_versions_go_on(tmp_path):
+    body = make("hex8")
+    path = tmp_path / "old.pvd"
+    entry = '<DataSet timestep="{0}" part="0" file="old_{0}.vtu"/>'
+    text = '<VTKFile type="Collection" version="0.1"><Collection>{}</Collection></VTKFile>'
+    path.write_text(text.format(entry.format(0.0) + entry.format(0.7)))
+    series = Series(path, body, resume=True)
+    series.write(0.5, np.zeros_like(body.nodes))
+    assert (series.times, series.loads) == ([0.0, 0.7, 1.0], [0.0, 0.7, 0.5])
+    path.write_text(text.format(entry.format(0.7) + entry.format(0.0)))
+    with pytest.raises(ValueError, match="its times do not grow"):
+        Series(path, body, resume=True)
 
 
 def test_overlapping_and_missing_layers():

@@ -35,8 +35,7 @@ def write_path(path: str | Path, shapes: Sequence[Shape]) -> list[float]:
     """Writes a .pvd of all shapes in order with displacement, layers and the fields of
     :func:`solver.output.cell_fields`; returns the loads in it.
 
-    The last of several shapes at one load is kept. Raises what :class:`solver.output.Series`
-    raises.
+    Raises what :class:`solver.output.Series` raises.
     """
     model = series = None
     for shape in shapes:
