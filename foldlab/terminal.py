@@ -2,15 +2,21 @@
 
 from __future__ import annotations
 
+import dataclasses
+import inspect
 import json
 import math
 import sys
+from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, get_type_hints
 
 import typer
 from rich.console import Console
 from rich.table import Table
+
+from foldlab.settings import read_settings
 
 err = Console(stderr=True, soft_wrap=True)
 
@@ -22,6 +28,43 @@ Sets = Annotated[
 Config = Annotated[Path | None, typer.Option("--config", help="TOML file of settings.")]
 Space = Annotated[str, typer.Option("--space", help="Design space: reduced or full.")]
 Workers = Annotated[int, typer.Option("--workers", min=1, help="Worker processes.")]
+
+
+@dataclass(frozen=True)
+class Given:
+    """The settings that a verb was given."""
+
+    settings: Sets = None
+    config: Config = None
+
+    def read(self) -> dict[str, Any]:
+        """Names to values; see :func:`foldlab.settings.read_settings`."""
+        return read_settings(self.settings or (), self.config)
+
+
+def with_records(verb: Callable) -> Callable:
+    """The verb as Typer takes it: each field of a parameter that is a dataclass is an option."""
+    hints = get_type_hints(verb, include_extras=True)
+    options, records = [], {}
+    for name, parameter in inspect.signature(verb).parameters.items():
+        kind = hints[name]
+        if not dataclasses.is_dataclass(kind):
+            options.append(parameter.replace(annotation=kind, kind=parameter.KEYWORD_ONLY))
+            continue
+        inner = get_type_hints(kind, include_extras=True)
+        records[name] = kind, [field.name for field in dataclasses.fields(kind)]
+        for name, given in inspect.signature(kind).parameters.items():
+            options.append(given.replace(annotation=inner[name], kind=given.KEYWORD_ONLY))
+
+    def command(**values):
+        for name, (kind, fields) in records.items():
+            values[name] = kind(**{field: values.pop(field) for field in fields})
+        return verb(**values)
+
+    command.__name__, command.__doc__ = verb.__name__, verb.__doc__
+    command.__signature__ = inspect.Signature(options)
+    command.__annotations__ = {option.name: option.annotation for option in options}
+    return command
 
 
 class NotReached(Exception):

@@ -13,87 +13,117 @@ from typing import Annotated
 
 import typer
 
+import foldlab
 from foldlab.cli import label_verbs
+from foldlab.cli.design import design
+from foldlab.cli.outputs import check_file, only_whole, output_folder, trouble
 from foldlab.cli.simulate import simulate
 from foldlab.design import space_named, space_of
 from foldlab.errors import InputError
-from foldlab.settings import build, numbers, read_settings
+from foldlab.settings import build, numbers
 from foldlab.tables import read_table, write_table
-from foldlab.terminal import Config, Json, NotReached, Seed, Sets, Space, Workers, emit, err
+from foldlab.terminal import Given, Json, NotReached, Seed, Space, Workers, emit, err, with_records
 
 # Heavy imports (torch, MLflow, Matplotlib) stay inside the verbs, so that --help answers at once.
 
 app = typer.Typer(
     name="foldlab",
     help="Which self-folding units fold, why, how sure we are, and what to build instead.",
-    no_args_is_help=True,
     add_completion=False,
     pretty_exceptions_enable=False,
+    context_settings={"help_option_names": ["-h", "--help"]},
 )
 
 
 def main() -> None:
-    """Entry point: turns :class:`InputError` into one line on stderr and exit status 2."""
+    """Entry point: what a user can mend becomes one line on stderr and exit status 2."""
     warnings.showwarning = _show_warning
     try:
         status = app(standalone_mode=False)
-    except InputError as error:
-        err.print(f"error: {error}", markup=False, highlight=False)
-        sys.exit(2)
     except NotReached as error:
-        err.print(f"not reached: {error}", markup=False, highlight=False)
+        _say(f"not reached: {error}")
         sys.exit(3)
     except typer.Abort:
         sys.exit(130)
+    except BrokenPipeError:
+        # Whoever read the output, such as head, has enough.
+        sys.stdout = None
+        sys.exit(0)
     except Exception as error:
-        if not hasattr(error, "exit_code"):
-            raise
-        # click's own usage errors
-        err.print(f"error: {error.format_message()}", markup=False, highlight=False)
+        _say(f"error: {_sentence(error)}")
         sys.exit(2)
     sys.exit(status or 0)
 
 
+def _sentence(error: Exception) -> str:
+    """What to tell of an error; raises it again where it is ours."""
+    if isinstance(error, InputError):
+        return str(error)
+    if hasattr(error, "exit_code"):
+        # Typer's own errors of usage
+        text, here = error.format_message(), getattr(error, "ctx", None)
+        if here is not None and text.startswith("No such option"):
+            names = [max(p.opts, key=len) for p in here.command.params if p.opts[0][0] == "-"]
+            return f"{text.partition(' (')[0]}; {here.command.name} has: {', '.join(names)}"
+        if here is not None and text.startswith("No such command"):
+            return f"{text.partition('.')[0]}; there are: {', '.join(here.command.commands)}"
+        return text
+    if (text := trouble(error)) is None:
+        raise error
+    return text
+
+
 def _show_warning(message, category, filename, lineno, file=None, line=None) -> None:
-    err.print(f"warning: {message}", markup=False, highlight=False)
+    _say(f"warning: {message}")
 
 
-for verb in (label_verbs.sample, label_verbs.label, label_verbs.export, simulate):
-    app.command()(verb)
+def _say(text: str) -> None:
+    err.print(text, markup=False, highlight=False)
 
 
-@app.command()
+@app.callback(invoke_without_command=True)
+def top(
+    context: typer.Context,
+    version: Annotated[bool, typer.Option("--version", help="Print the version.")] = False,
+) -> None:
+    if version:
+        print(f"foldlab {foldlab.__version__}")
+        raise typer.Exit
+    if context.invoked_subcommand is None:
+        print(context.get_help())
+
+
 def train(
+    *,
     labels: Annotated[Path, typer.Argument(help="Table of labels.")],
     out: Annotated[Path, typer.Option("-o", "--out", help="Folder of the model.")],
     model: Annotated[str, typer.Option("--model", help="Which model.")] = "network",
-    holdout: Annotated[float, typer.Option(help="Share of labels kept for scoring.")] = 0.2,
+    holdout: Annotated[float, typer.Option(help="Fraction of labels kept for scoring.")] = 0.2,
     rate: Annotated[
         float | None,
         typer.Option("--false-positive-rate", help="Threshold for this rate, from the hold-out."),
     ] = None,
     overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace a saved model.")] = False,
     seed: Seed = 0,
-    settings: Sets = None,
-    config: Config = None,
+    given: Given,
     as_json: Json = False,
 ) -> None:
     """Train a model on labels; --set passes the model's own settings, as in --set epochs=500."""
+    from foldlab.learning.saving import check_target, save_model
     from foldlab.learning.train import train_on
 
-    table = read_table(labels)
-    fitted, result = train_on(
-        table, model, seed=seed, holdout=holdout, rate=rate,
-        options=read_settings(settings or (), config),
-    )  # fmt: skip
-    from foldlab.learning.saving import save_model
-
-    save_model(fitted, out, result, overwrite=overwrite)
+    table, options = read_table(labels), given.read()
+    check_target(out, overwrite)
+    with only_whole(out):
+        fitted, result = train_on(
+            table, model, seed=seed, holdout=holdout, rate=rate, options=options
+        )
+        save_model(fitted, out, result, overwrite=overwrite)
     emit({**result, "folder": out}, as_json)
 
 
-@app.command()
 def score(
+    *,
     model: Annotated[Path, typer.Argument(help="Folder of a trained model.")],
     labels: Annotated[Path, typer.Argument(help="Table of labels.")],
     as_json: Json = False,
@@ -109,8 +139,8 @@ def score(
     emit({"model": card["model"], **result, "unknown": unknown}, as_json)
 
 
-@app.command("map")
 def map_(
+    *,
     model: Annotated[Path, typer.Argument(help="Folder of a trained model.")],
     out: Annotated[Path, typer.Option("-o", "--out", help="Picture (.png, .pdf, .svg).")],
     against: Annotated[
@@ -122,8 +152,7 @@ def map_(
         "slenderness"
     ),
     points: Annotated[int, typer.Option(min=1, help="Points in all panels together.")] = 100_000,
-    settings: Sets = None,
-    config: Config = None,
+    given: Given,
     as_json: Json = False,
 ) -> None:
     """Draw a regime map (Figs. 4.28, 4.29); --set fixes the groups that are not on an axis."""
@@ -131,8 +160,9 @@ def map_(
     from foldlab.learning.saving import load_model
     from foldlab.maps.plots import plot_regimes
     from foldlab.maps.regimes import regime_map
-    from foldlab.plots import save_figure
+    from foldlab.plots import FORMATS, save_figure
 
+    check_file(out, FORMATS)
     fitted, card = load_model(model)
     space = space_named(card["space"])
     regime = regime_map(
@@ -140,7 +170,7 @@ def map_(
         space=space,
         axes=(x, y),
         slice_by=slices,
-        fixed=numbers(read_settings(settings or (), config)),
+        fixed=numbers(given.read()),
         points=points,
         source=make_source(against, space=space) if against else None,
     )
@@ -148,16 +178,15 @@ def map_(
     emit({**regime.summary(), "file": out}, as_json)
 
 
-@app.command()
 def augment(
+    *,
     out: Annotated[Path, typer.Option("-o", "--out", help="Folder for curves and picture.")],
     space: Space = "reduced",
     source: Annotated[str, typer.Option("--source", help="Label source.")] = "timoshenko",
     seeds: Annotated[int, typer.Option(min=1, help="Number of seeds.")] = 3,
     target: Annotated[float, typer.Option(help="Accuracy at which labels are compared.")] = 0.99,
     seed: Seed = 0,
-    settings: Sets = None,
-    config: Config = None,
+    given: Given,
     as_json: Json = False,
 ) -> None:
     """Spend labels near the boundary (Algorithm 5) and at random; compare the labels needed."""
@@ -166,28 +195,29 @@ def augment(
     from foldlab.learning.plots import plot_learning_curves
     from foldlab.plots import save_figure
 
-    plan = build(Plan, read_settings(settings or (), config))
-    _new_folder(out)
+    plan = build(Plan, given.read())
     maker = make_source(source, space=space_named(space))
-    curves, summary = compare_strategies(
-        maker, plan, seeds=range(seed, seed + seeds), target=target,
-        progress=None if as_json else err.print,
-    )  # fmt: skip
-    out.mkdir(parents=True, exist_ok=True)
-    write_table(curves, out / "curves.csv")
-    save_figure(plot_learning_curves(curves, target=target, as_error=True), out / "curves.png")
+    with output_folder(out):
+        curves, summary = compare_strategies(
+            maker,
+            plan,
+            seeds=range(seed, seed + seeds),
+            target=target,
+            progress=None if as_json else err.print,
+        )
+        write_table(curves, out / "curves.csv")
+        save_figure(plot_learning_curves(curves, target=target, as_error=True), out / "curves.png")
     emit({**summary, "folder": out}, as_json)
 
 
-@app.command()
 def tune(
+    *,
     labels: Annotated[Path, typer.Argument(help="Table of labels.")],
     out: Annotated[Path, typer.Option("-o", "--out", help="Folder; a study in it is resumed.")],
     trials: Annotated[int, typer.Option(min=1, help="Trials in all.")] = 40,
     workers: Workers = 1,
     seed: Seed = 0,
-    settings: Sets = None,
-    config: Config = None,
+    given: Given,
     as_json: Json = False,
 ) -> None:
     """Search the network's architecture and loss bias: accuracy against training seconds."""
@@ -200,130 +230,41 @@ def tune(
     table = read_table(labels)
     space = space_of(table)
     table, _ = known_labels(table, space)
-    search = build(
-        Search, {**read_settings(settings or (), config)}, trials=trials, workers=workers, seed=seed
-    )
-    out.mkdir(parents=True, exist_ok=True)
-    study = run_study(table, space, out / "study.journal", search)
-    write_table(study, out / "trials.csv")
-    save_figure(plot_study(study), out / "front.png")
+    search = build(Search, given.read(), trials=trials, workers=workers, seed=seed)
+    # The trials that have ended are worth keeping: the study goes on with them.
+    with output_folder(out, keep=["study.journal"]):
+        study = run_study(table, space, out / "study.journal", search)
+        write_table(study, out / "trials.csv")
+        save_figure(plot_study(study), out / "front.png")
     front = study[study["on_front"]].sort_values("seconds").drop(columns="on_front")
     rows = front.to_dict("records")
     emit({"trials": len(study), "front": rows, "folder": out}, as_json, rows)
 
 
-@app.command()
-def design(
-    n: Annotated[int, typer.Option("-n", min=1, help="Number of proposals.")] = 5,
-    want: Annotated[str, typer.Option(help="foldable, flat, or angle.")] = "foldable",
-    angle: Annotated[float | None, typer.Option(help="Wanted fold angle in rad.")] = None,
-    tolerance: Annotated[float, typer.Option(help="Tolerance of the angle in rad.")] = 0.05,
-    space: Space = "reduced",
-    settings: Sets = None,
-    ranges: Annotated[
-        list[str] | None,
-        typer.Option("--range", metavar="NAME=LOW:HIGH", help="Group or SI quantity in a range."),
-    ] = None,
-    config: Config = None,
-    passive: Annotated[list[str] | None, typer.Option(help="Passive material(s).")] = None,
-    active: Annotated[list[str] | None, typer.Option(help="Active material(s).")] = None,
-    materials: Annotated[Path | None, typer.Option(help="CSV of materials.")] = None,
-    max_mass: Annotated[float | None, typer.Option(help="kg")] = None,
-    max_length: Annotated[float | None, typer.Option(help="m")] = None,
-    max_width: Annotated[float | None, typer.Option(help="m")] = None,
-    max_thickness: Annotated[float | None, typer.Option(help="m")] = None,
-    margin: Annotated[
-        float | None, typer.Option(help="Half-width of the box, share of the bounds.")
-    ] = None,
-    model: Annotated[
-        Path | None, typer.Option(help="Trained model; without one a network is trained.")
-    ] = None,
-    source: Annotated[str, typer.Option("--source", help="Label source.")] = "timoshenko",
-    confirm: Annotated[bool, typer.Option("--confirm", help="Ask the source to confirm.")] = False,
-    seed: Seed = 0,
-    as_json: Json = False,
-) -> None:
-    """Propose designs for a wish; --set fixes a group or an SI quantity."""
-    from foldlab.inverse import propose as inverse
-    from foldlab.inverse import wish
-    from foldlab.labels.solver import make_source
-    from foldlab.learning.saving import load_model
-    from foldlab.learning.train import default_classifier
-
-    if (want == "angle") != (angle is not None):
-        raise InputError("--want angle and --angle RAD go together")
-    chosen = space_named(space)
-    wanted = wish.Wish(
-        space=chosen,
-        want=wish.Angle(angle, tolerance) if angle is not None else want,
-        fixed=numbers(read_settings(settings or (), config)),
-        ranges=_ranges(ranges or ()),
-        passive=tuple(passive or ()),
-        active=tuple(active or ()),
-        materials=materials,
-        max_mass=max_mass,
-        max_length=max_length,
-        max_width=max_width,
-        max_thickness=max_thickness,
-        margin=margin,
-    )
-    maker = make_source(source, space=chosen)
-    classifier = angle_model = None
-    if angle is not None:
-        angle_model = maker
-    elif model is not None:
-        classifier, card = load_model(model)
-        if card["space"] != space:
-            raise InputError(
-                f"{model} was trained on the {card['space']} space; give --space {card['space']}"
-            )
-    else:
-        err.print("no --model given: training a network on 6000 labels …")
-        classifier = default_classifier(maker, seed=seed)
-    answer = inverse.propose(wanted, classifier, n, seed=seed, angle_model=angle_model)
-    if confirm:
-        answer = inverse.confirm(answer, maker, seed=seed)
-    emit(answer.as_dict(), as_json, inverse.rows(answer))
-    if not answer.complete:
-        raise NotReached(answer.reason)
-
-
-@app.command()
 def quickstart(
+    *,
     out: Annotated[Path, typer.Option("-o", "--out", help="Folder for labels, maps, models.")] = (
         Path("out/quickstart")
     ),
     seed: Seed = 0,
-    settings: Sets = None,
-    config: Config = None,
+    given: Given,
     as_json: Json = False,
 ) -> None:
     """Sample, label, train, compare, map and track on the reduced space, in about two minutes."""
     from foldlab.cli.quickstart import Settings, run
     from foldlab.learning.compare import readable
 
-    chosen = build(Settings, read_settings(settings or (), config), seed=seed)
-    result = run(chosen, out, say=lambda text: err.print(text, highlight=False))
+    chosen = build(Settings, given.read(), seed=seed)
+    with output_folder(out):
+        result = run(chosen, out, say=_say)
     emit(result, as_json, readable(result["table"]))
 
 
-def _ranges(pairs) -> dict[str, tuple[float, float]]:
-    out = {}
-    for pair in pairs:
-        name, _, text = pair.partition("=")
-        try:
-            low, high = (float(part) for part in text.split(":"))
-        except ValueError:
-            raise InputError(
-                f"--range {pair}: expected NAME=LOW:HIGH, as in --range E_ratio=0.1:10"
-            ) from None
-        out[name.strip()] = (low, high)
-    return out
-
-
-def _new_folder(path: Path) -> None:
-    if path.exists() and not path.is_dir():
-        raise InputError(f"{path} is a file; give a folder")
+for verb in (
+    *(label_verbs.sample, label_verbs.label, label_verbs.export, simulate),
+    *(train, score, map_, augment, tune, design, quickstart),
+):
+    app.command(verb.__name__.rstrip("_"))(with_records(verb))
 
 
 if __name__ == "__main__":

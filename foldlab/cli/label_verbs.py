@@ -9,11 +9,11 @@ from typing import Annotated
 import typer
 
 from foldlab.campaign.cluster import IN_FLIGHT, dask_executor
+from foldlab.cli.outputs import check_file
 from foldlab.design import space_named, space_of
 from foldlab.errors import InputError
-from foldlab.settings import read_settings
-from foldlab.tables import read_table, write_table
-from foldlab.terminal import Config, Json, NotReached, Seed, Sets, Space, emit, err
+from foldlab.tables import SUFFIXES, read_table, write_table
+from foldlab.terminal import Given, Json, NotReached, Seed, Space, emit, err
 
 
 def sample(
@@ -29,12 +29,14 @@ def sample(
     """Draw designs by Latin hypercube, uniform on each group's own scale."""
     if optimize not in (None, "random-cd", "lloyd"):
         raise InputError(f"--optimize {optimize}; expected random-cd or lloyd")
+    check_file(out, SUFFIXES)
     designs = space_named(space).sample(n, seed=seed, optimization=optimize)
     write_table(designs, out)
     emit({"designs": len(designs), "space": space, "seed": seed, "file": out}, as_json)
 
 
 def label(
+    *,
     designs: Annotated[Path, typer.Argument(help="Table of designs.")],
     out: Annotated[Path, typer.Option("-o", "--out", help="Label store (SQLite file).")],
     source: Annotated[str, typer.Option("--source", help="Label source.")] = "timoshenko",
@@ -48,8 +50,7 @@ def label(
     retry_unknown: Annotated[
         bool, typer.Option("--retry-unknown", help="Compute labels again that ended unknown.")
     ] = False,
-    settings: Sets = None,
-    config: Config = None,
+    given: Given,
     as_json: Json = False,
 ) -> None:
     """Label designs into a store; what the store holds already is not computed again.
@@ -65,7 +66,7 @@ def label(
         raise InputError("--workers are processes here and --dask is a cluster; give one of them")
     table = read_table(designs)
     space = space_of(table)
-    maker = make_source(source, read_settings(settings or (), config), space=space)
+    maker = make_source(source, given.read(), space=space)
     table = space.validate(table)
     if source == "solver":
         thick = int(thick_hinge(table).sum())
@@ -104,6 +105,7 @@ def export(
     """Write the labels of a store to one flat table."""
     from foldlab.labels.store import LabelStore
 
+    check_file(out, SUFFIXES)
     with LabelStore(store, mode="read") as labels:
         count = labels.export(out, source=source)
     emit({"labels": count, "file": out}, as_json)

@@ -50,8 +50,6 @@ def run(settings: Settings, out: Path, say: Callable[[str], None]) -> dict[str, 
     """Run it into the folder ``out``; ``say`` takes progress lines. Labels there are reused."""
     start = time.perf_counter()
     out = Path(out)
-    if out.exists() and not out.is_dir():
-        raise InputError(f"{out} is a file; give a folder")
     out.mkdir(parents=True, exist_ok=True)
     seed, source = settings.seed, TimoshenkoSource()
     config = asdict(settings)

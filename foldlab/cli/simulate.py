@@ -8,15 +8,16 @@ What it writes into a folder: ``result.json`` (the label, and m1 … m4 of every
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import asdict
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from foldlab.cli.outputs import output_folder
 from foldlab.errors import InputError
-from foldlab.settings import numbers, read_settings
-from foldlab.terminal import Config, Json, NotReached, Sets, emit, err
+from foldlab.settings import numbers
+from foldlab.terminal import Given, Json, NotReached, emit, err
 from foldlab.unit.record import (
     WEIGHT,
     _warn,
@@ -30,44 +31,71 @@ from foldlab.unit.record import (
 )
 
 if TYPE_CHECKING:
-    pass
+    from foldlab.labels.solver import SolverSource
 
 
-def simulate(
-    settings: Sets = None,
-    config: Config = None,
+@dataclass(frozen=True)
+class Solving:
+    """What is solved, and how well."""
+
     effects: Annotated[
         str,
         typer.Option(
             help="gravity,ground or none; with contact the panels stop at each other: "
             "gravity,ground,contact or contact."
         ),
-    ] = "gravity,ground",
-    growth: Annotated[str, typer.Option(help="Contraction: uniaxial or isotropic.")] = "uniaxial",
+    ] = "gravity,ground"
+    growth: Annotated[str, typer.Option(help="Contraction: uniaxial or isotropic.")] = "uniaxial"
     question: Annotated[
         str,
         typer.Option(help="from_flat, or exists: is there a folded stable state? (isotropic)"),
-    ] = "from_flat",
+    ] = "from_flat"
     accuracy: Annotated[
         float, typer.Option(help="Wanted relative error of the angle, such as 0.05, 0.02, 0.005.")
-    ] = 0.02,
-    why: Annotated[
-        bool, typer.Option("--why", help="What each effect contributed, and what to choose.")
-    ] = False,
-    ablation: Annotated[
-        bool, typer.Option("--ablate", help="With --why: solve again without each effect.")
-    ] = False,
-    timeout: Annotated[float, typer.Option(help="Seconds after which to give up.")] = 60.0,
-    free: Annotated[bool, typer.Option("--free", help="Let the unit topple.")] = False,
+    ] = 0.02
+    timeout: Annotated[float, typer.Option(help="Seconds after which to give up.")] = 60.0
+    free: Annotated[bool, typer.Option("--free", help="Let the unit topple.")] = False
     strips: Annotated[
         int, typer.Option(min=0, help="Active strips side by side; 0: a solid layer.")
-    ] = 0,
-    barrier: Annotated[str, typer.Option(help="Ground: surface or exponential.")] = "surface",
+    ] = 0
+    barrier: Annotated[str, typer.Option(help="Ground: surface or exponential.")] = "surface"
+
+    def source(self) -> SolverSource:
+        """The label source that solves so."""
+        from foldlab.labels.solver import SolverSource
+
+        settings = asdict(self)
+        return SolverSource(upright=not settings.pop("free"), **settings)
+
+
+@dataclass(frozen=True)
+class Asked:
+    """What is told besides the verdict."""
+
+    why: Annotated[
+        bool, typer.Option("--why", help="What each effect contributed, and what to choose.")
+    ] = False
+    ablation: Annotated[
+        bool, typer.Option("--ablate", help="With --why: solve again without each effect.")
+    ] = False
+    animate: Annotated[bool, typer.Option("--animate", help="Also draw fold.gif.")] = False
+    no_pictures: Annotated[bool, typer.Option("--no-pictures", help="Numbers only.")] = False
+
+    def __post_init__(self):
+        if self.ablation and not self.why:
+            raise InputError("--ablate belongs to --why; give both")
+        if self.animate and self.no_pictures:
+            raise InputError("--animate draws a picture and --no-pictures none; give one of them")
+
+
+def simulate(
+    *,
+    given: Given,
+    solving: Solving,
+    asked: Asked,
     out: Annotated[Path, typer.Option("-o", "--out", help="Folder for results.")] = (
         Path("out/simulate")
     ),
-    animate: Annotated[bool, typer.Option("--animate", help="Also draw fold.gif.")] = False,
-    no_pictures: Annotated[bool, typer.Option("--no-pictures", help="Numbers only.")] = False,
     as_json: Json = False,
 ) -> None:
     """Fold one design on the solver: verdict, curves, a series for ParaView, pictures.
@@ -78,57 +106,54 @@ def simulate(
     """
     from foldlab.labels.foldability import THICK_HINGE, thick_hinge
     from foldlab.labels.forecast import forecast
-    from foldlab.labels.solver import SolverSource
 
-    if ablation and not why:
-        raise InputError("--ablate belongs to --why; give both")
-    if animate and no_pictures:
-        raise InputError("--animate draws a picture and --no-pictures none; give one of them")
-    given = numbers(read_settings(settings or (), config))
-    source = SolverSource(
-        accuracy=accuracy, effects=effects, growth=growth, question=question, upright=not free,
-        timeout=timeout, barrier=barrier, strips=strips,
-    )  # fmt: skip
-    design = complete(given, heavy=source.heavy)
+    groups = numbers(given.read())
+    source = solving.source()
+    design = complete(groups, heavy=source.heavy)
     source.unit(design)
     if thick_hinge(design):
         _warn(
             f"the active layer is {design['h_ratio'] * design['slenderness']:.3g} l_s thick and "
             f"the hinge only {design['hinge_length']:.3g} l_s long: {THICK_HINGE}"
         )
-    if not source.heavy and "stiffness_to_weight" in given:
+    if not source.heavy and "stiffness_to_weight" in groups:
         _warn("stiffness_to_weight acts on nothing without gravity among the effects")
-    try:
-        out.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise InputError(f"can't write into --out {out} ({error}); give another folder") from None
-    expected = forecast(design, source)
-    _note(expected.sentence(accuracy) if expected else "expected: nothing known of such labels")
-    clock = {} if why else None
-    run, label = source.follow(design, clock)
-    result = summary(label, run, source)
-    result["plan"] = asdict(source.plan)
-    result["expected"] = None if expected is None else asdict(expected)
-    if why:
-        result["why"] = explain(label, run, source, clock, ablation)
-    for name in () if source.heavy else WEIGHT:
-        result["design"][name] = None
-    clear(out)
-    write_json(out / "result.json", {**result, "label": asdict(label), "path": run.history})
-    files = ["result.json"]
-    if run.shapes:
-        files += write_path(out, run)
-        if not no_pictures:
-            files += draw(out, label, run, source, animate=animate)
+    with output_folder(out):
+        expected = forecast(design, source)
+        accuracy = solving.accuracy
+        _note(expected.sentence(accuracy) if expected else "expected: nothing known of such labels")
+        clock = {} if asked.why else None
+        run, label = source.follow(design, clock)
+        result = summary(label, run, source)
+        result["plan"] = asdict(source.plan)
+        result["expected"] = None if expected is None else asdict(expected)
+        if asked.why:
+            result["why"] = explain(label, run, source, clock, asked.ablation)
+        for name in () if source.heavy else WEIGHT:
+            result["design"][name] = None
+        clear(out)
+        write_json(out / "result.json", {**result, "label": asdict(label), "path": run.history})
+        files = ["result.json"]
+        if run.shapes:
+            files += write_path(out, run)
+            if not asked.no_pictures:
+                files += draw(out, label, run, source, animate=asked.animate)
     result["files"] = [str(out / name) for name in files]
     if as_json:
         emit(result, True)
     else:
         emit(readable(result), False, rows(result))
-        if why:
+        if asked.why:
             _say_why(result["why"])
     if label.foldable is None:
         raise NotReached(f"{label.reason}; what there is is in {out}")
+    error = result["error_estimate"]
+    if error is None or error > accuracy:
+        error = "unknown" if error is None else f"{100 * error:.2g} %"
+        raise NotReached(
+            f"the error of the angle is {error}, {100 * accuracy:g} % was asked for; "
+            f"the answer is in {out}"
+        )
 
 
 def _say_why(why: Mapping[str, Any]) -> None:

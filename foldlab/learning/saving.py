@@ -71,7 +71,7 @@ def save_model(
     not fitted or of an unknown kind.
     """
     target = Path(directory)
-    _check_target(target, overwrite)
+    check_target(target, overwrite)
     inner, threshold = model, None
     if isinstance(model, FixedThresholdClassifier):
         inner = getattr(model, "estimator_", model.estimator)
@@ -323,7 +323,8 @@ KINDS: dict[str, Kind] = {
 }
 
 
-def _check_target(target: Path, overwrite: bool) -> None:
+def check_target(target: Path, overwrite: bool) -> None:
+    """That a model may go to ``target``; raises :class:`InputError` as :func:`save_model` does."""
     if not target.exists() and not target.is_symlink():
         return
     if not overwrite:

@@ -175,7 +175,7 @@ def test_quickstart(foldlab, tmp_path):
 BAD = {
     "no such space": ("sample --space half -n 3 -o d.parquet", "no design space 'half'"),
     "no designs": ("sample -n 0 -o d.parquet", "at least one design"),
-    "wrong ending": ("sample -n 3 -o d.xlsx", "tables end in"),
+    "wrong ending": ("sample -n 3 -o d.xlsx", "ending '.xlsx'; expected .parquet or .csv"),
     "missing folder": ("sample -n 3 -o no/d.parquet", "no folder no"),
     "missing table": ("label none.parquet -o s.db", "no file none.parquet"),
     "unknown source": ("label d.parquet -o s.db --source abaqus", "no label source 'abaqus'"),

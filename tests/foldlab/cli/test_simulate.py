@@ -111,7 +111,7 @@ def check_series(path, curves):
         (f"{sets(**HEAVY)} --accuracy 0", "accuracy = 0.0; expected"),
         (f"{sets(**HEAVY)} --animate --no-pictures", "--animate draws a picture"),
         (f"{sets(**HEAVY)} --ablate", "--ablate belongs to --why"),
-        (f"{sets(**HEAVY)} -o taken/deeper", "can't write into --out taken/deeper"),
+        (f"{sets(**HEAVY)} -o taken/deeper", "can't make the folder taken/deeper: taken is a file"),
     ],
 )
 def test_bad_input_is_one_sentence_and_writes_nothing(simulate, tmp_path, line, message):
