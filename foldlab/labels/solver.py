@@ -124,7 +124,7 @@ class SolverSource:
         self.question, self.upright, self.timeout = question, bool(upright), float(timeout)
         self.seed, self.barrier, self.refine = seed, barrier, refine
         self.strips, self.strip_share = strips, float(strip_share)
-        parts = ["2", growth, effects.replace(",", "+"), f"{accuracy:g}"]
+        parts = ["3", growth, effects.replace(",", "+"), f"{accuracy:g}"]
         parts += ["exists"] * (question == "exists") + ["falls"] * (not upright)
         parts += [f"noise{seed}"] * (seed is not None) + [f"strips{strips}x{strip_share:g}"] * (
             strips > 0

@@ -89,21 +89,12 @@ def judge(
             design, run.history, tags, events, run.closed, thresholds
         )
         evidence["outcome"] = outcome
-    unsure = not run.history or (run.settled and error is None and not foldable)
-    unsure = unsure and not run.timed_out
-    crushed = _crushing(design) if unsure else 0.0
-    if crushed:
-        foldable, evidence["outcome"] = False, "crushed"
-        reason = (
-            f"the hinge is crushed by its own weight, {crushed:.2g} times what its active "
-            "layer can carry"
-        )
     if run.history:
         evidence["error_estimate"] = error
-    if run.settled and error is None and not crushed:
+    if run.settled and error is None:
         reason = f"unknown, for no finer mesh confirmed it in time: {reason}"
         foldable, evidence["outcome"] = None, "unverified"
-    elif run.settled and not crushed and error > accuracy:
+    elif run.settled and error > accuracy:
         m1, m2 = run.measures["m1"], run.measures["m2"]
         need = thresholds.angle(design["contraction"])
         most = thresholds.most_across(design["contraction"])
@@ -115,6 +106,9 @@ def judge(
         if near and not run.closed:
             foldable, evidence["outcome"] = None, "unresolved"
             reason = f"unknown: {' and '.join(near)}, and the error is {slack:.2g} rad"
+    no_state = not run.history and not run.timed_out
+    if folding.model.heavy and (no_state or evidence["outcome"] == "unverified"):
+        reason += _burden(design)
     return foldable, reason, evidence
 
 
@@ -153,11 +147,20 @@ def difference(
     return max(abs(rows[1][m] - rows[0][m]) for m in ("m1", "m2")) / scale
 
 
-def _crushing(design: Mapping[str, float]) -> float:
-    """Weight of the active layer over its modulus, if it is enough to crush it; else 0."""
+def _burden(design: Mapping[str, float]) -> str:
+    """What to add to a reason where the active layer bears more than its modulus of own weight.
+
+    It is no verdict: by Hooke's law nothing of such a layer would remain, but a neo-Hookean one
+    has an equilibrium, however thin.
+    """
     weight = design["slenderness"] ** 2 / design["stiffness_to_weight"]
     load = weight * design["rho_ratio"] * design["h_ratio"] * design["slenderness"]
-    return load / design["E_ratio"] if load > 0.2 * design["E_ratio"] else 0.0
+    if load <= design["E_ratio"]:
+        return ""
+    return (
+        f"; the own weight of the active layer presses on it with {load / design['E_ratio']:.2g} "
+        "times its modulus"
+    )
 
 
 def since(values: Sequence[bool]) -> int | None:

@@ -126,7 +126,7 @@ def fit(name: str, space: DesignSpace, labels: pd.DataFrame, *, seed: int, **opt
                 "the symbolic model learns the angle per unit strain, and the table has no column "
                 "normalised_angle; label with a source that states it, or take another model"
             )
-        # A unit that its weight crushes is known not to fold, but has no angle.
+        # A label may say that a design does not fold and state no angle.
         known = known[known["normalised_angle"].notna()]
         angle = known["normalised_angle"].to_numpy(float)
         if "threshold" in known:
