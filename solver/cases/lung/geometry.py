@@ -72,8 +72,9 @@ class Tiling:
         if isinstance(n, bool) or int(n) != n or n < 1:
             raise ValueError(f"subdivision n = {n}; expected a whole number of at least 1")
         n = int(n)
-        ico = np.array([np.roll([0, a, b * PHI], k) for k in range(3) for a in (1, -1)
-                        for b in (1, -1)])  # fmt: skip
+        ico = np.array(
+            [np.roll([0, a, b * PHI], k) for k in range(3) for a in (1, -1) for b in (1, -1)]
+        )
         near = np.isclose(np.linalg.norm(ico[:, None] - ico, axis=2), 2)
         faces = [f for f in combinations(range(12), 3) if all(near[p] for p in combinations(f, 2))]
         # A vertex is known by its whole-numbered weights at the icosahedron's.

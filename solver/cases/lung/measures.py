@@ -41,8 +41,8 @@ class Measures:
     the epithelium's thickness over h_ep.
 
     ``thinnest``, ``thickest``: quantiles of 1 and 99 % of the reference volume, for corners are
-    singular; ``variation``: standard deviation over mean; ``inverted``: share of the volume that is
-    turned inside out, which only the primitive model allows.
+    singular; ``variation``: standard deviation over mean; ``inverted``: fraction of the volume
+    that is turned inside out, which only the primitive model allows.
     """
 
     lowest: float
@@ -109,7 +109,7 @@ def measure(body: Body, lung: Lung, u: np.ndarray) -> Measures:
 
 
 def thickness(body: Body, u: np.ndarray) -> tuple[np.ndarray, np.ndarray, float]:
-    """Thickness ratios of the epithelium's points (p,), their volumes (p,), share inverted."""
+    """Thickness ratios of the epithelium's points (p,), their volumes (p,), fraction inverted."""
     ids = np.flatnonzero(body.cells_of("epithelium"))
     F = np.eye(3) + np.einsum("mki,mqkj->mqij", u[body.cells[ids]], body.gradients[ids])
     N, weights = unit(body.points()[ids]), body.weights[ids]

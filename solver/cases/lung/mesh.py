@@ -68,9 +68,11 @@ def _coons(along: tuple[np.ndarray, np.ndarray], across: tuple[np.ndarray, np.nd
     d0, d1 = (d[:, None, :] for d in across)
     a, b = a[None, :, None, None], b[None, None, :, None]
     corners = (
-        (1 - a) * (1 - b) * c0[:, :1] + a * (1 - b) * c0[:, -1:]
-        + (1 - a) * b * c1[:, :1] + a * b * c1[:, -1:]
-    )  # fmt: skip
+        (1 - a) * (1 - b) * c0[:, :1]
+        + a * (1 - b) * c0[:, -1:]
+        + (1 - a) * b * c1[:, :1]
+        + a * b * c1[:, -1:]
+    )
     return unit((1 - b) * c0 + b * c1 + (1 - a) * d0 + a * d1 - corners)
 
 
@@ -217,18 +219,22 @@ class _Builder:
         wall = []
         for k, (tile, corner, edge) in enumerate(flags.tolist()):
             at = {
-                "O": (("O", tile), h.centre[k]), "M": (("M", edge), h.middle[k]),
-                "V": (("V", corner), h.corner[k]), "m": (("m", tile, edge), h.at_middle[k]),
+                "O": (("O", tile), h.centre[k]),
+                "M": (("M", edge), h.middle[k]),
+                "V": (("V", corner), h.corner[k]),
+                "m": (("m", tile, edge), h.at_middle[k]),
                 "v": (("v", tile, corner), h.at_corner[k]),
                 "c": (("c", corner), h.sine * h.normal[k]),  # centre of the hole's circle
-            }  # fmt: skip
+            }
             for piece in ("Omv", "mMVv"):
                 last = len(self.radii) - 1 if piece == "mMVv" else 1
                 sheets = [self.sheet(at, piece, r) for r in range(last + 1)]
                 wall.append(sheets[0])
                 for r in range(last):
-                    sides = [self.side(at, a + b, r) for a, b in zip(
-                        piece, piece[1:] + piece[:1], strict=True)]  # fmt: skip
+                    sides = [
+                        self.side(at, a + b, r)
+                        for a, b in zip(piece, piece[1:] + piece[:1], strict=True)
+                    ]
                     shell = geo.addSurfaceLoop([sheets[r], sheets[r + 1], *sides])
                     volumes["muscle" if r else "epithelium"].append(geo.addVolume([shell]))
         geo.synchronize()
@@ -272,7 +278,9 @@ class _Builder:
         if key in self.known:
             return self.known[key]
         around = [
-            self.arc(at, ends, r), self.rise(at, ends[1], r), -self.arc(at, ends, r + 1),
+            self.arc(at, ends, r),
+            self.rise(at, ends[1], r),
+            -self.arc(at, ends, r + 1),
             -self.rise(at, ends[0], r),
-        ]  # fmt: skip
+        ]
         return self.once(key, self.geo.addSurfaceFilling, [self.geo.addCurveLoop(around)])

@@ -12,7 +12,7 @@ another with e from 0 to 1, and any number of stages may follow each other:
     punctured = run(stage, inflated.last.x, steps=20, over="settle")
 
 Fibres run along the great circle of the nearest bundle. Where three bundles meet, the planes that
-halve the angles divide the joint among them, as a carpenter's mitre does: each share keeps the
+halve the angles divide the joint among them, as a carpenter's mitre does: each part keeps the
 direction of the bundle that it prolongs, so the joint has the symmetry of its three bundles, every
 point shortens along one direction by the same amount, and the jumps of the direction lie on faces
 between elements. ``fibres="blended"`` takes the mean of f ⊗ f over the bundles instead, weighted by
@@ -116,19 +116,19 @@ def blended_fibres(lung: Lung, X: np.ndarray) -> np.ndarray:
     """Mean of f ⊗ f, of trace 1, over the bundles near positions X (..., 3): (..., 3, 3).
 
     The weight of a bundle is (1 − d²/w²)² of the angle d to its arc within the width w, so that one
-    bundle alone is left a width away from a joint.
+    bundle alone remains a width away from a joint.
     """
     t, d = lung.tiling, unit(X.reshape(-1, 3))
     out = np.zeros((len(d), 3, 3))
     nearest, angles = t.nearest_edge(d), t.angles(d)
-    share = np.clip(1 - (angles / lung.bundle) ** 2, 0, None) ** 2
+    weight = np.clip(1 - (angles / lung.bundle) ** 2, 0, None) ** 2
     # Outside of all bundles the nearest one counts, however far.
     every = np.arange(len(d))
-    share[every, nearest] = np.maximum(share[every, nearest], 1e-12)
-    at, edge = np.nonzero(share)
+    weight[every, nearest] = np.maximum(weight[every, nearest], 1e-12)
+    at, edge = np.nonzero(weight)
     f = unit(np.cross(t.normals[edge], d[at]))
-    np.add.at(out, at, share[at, edge, None, None] * f[:, :, None] * f[:, None, :])
-    return (out / share.sum(axis=1)[:, None, None]).reshape(*X.shape, 3)
+    np.add.at(out, at, weight[at, edge, None, None] * f[:, :, None] * f[:, None, :])
+    return (out / weight.sum(axis=1)[:, None, None]).reshape(*X.shape, 3)
 
 
 def scene(
@@ -223,8 +223,8 @@ def run(
     more = trace(
         stage, last, stepper, max_steps=6 * steps, events=events and over == "arc", bounds=bounds
     )
-    points, found = (*path.points, *more.points[1:]), (*path.events, *more.events)
-    return Path(points, more.outcome, found)
+    points, events = (*path.points, *more.points[1:]), (*path.events, *more.events)
+    return Path(points, more.outcome, events)
 
 
 def to_limit(stage: Scene, path: Path, *, step: float, rtol: float = 1e-7) -> Path:

@@ -3,7 +3,7 @@
 The state has the symmetry of the icosahedron; the modes that break it need not. The coordinate
 planes are three of its mirrors, and every mode of the whole sphere is a sum of modes that are even
 or odd about each of them: eight classes, each a problem on the octant with its own supports. The
-threefold axis (1, 1, 1) turns the planes into each other, so that four classes are left:
+threefold axis (1, 1, 1) turns the planes into each other, so that four classes remain:
 
     even about all three, once      odd about one, three times (with one rigid translation each)
     odd about all three, once       odd about two, three times (with one rigid rotation each)
@@ -78,8 +78,8 @@ class Classes:
         stiffness = self.octant.evaluate(spread(wedge, u, self.octant.body), e).stiffness
         out = {}
         for name, (_, times) in CLASSES.items():
-            found = self.scenes[name].system_of(stiffness).unstable
-            out[name] = None if found is None else times * found
+            unstable = self.scenes[name].system_of(stiffness).unstable
+            out[name] = None if unstable is None else times * unstable
         return out
 
 

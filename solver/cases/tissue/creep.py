@@ -125,8 +125,9 @@ def stepped(rheology: Rheology, nu: float, dts: np.ndarray, loads: np.ndarray, o
     """
     out = []
     for factor in factors(nu):
-        values = [leaf.value * (factor if isinstance(leaf, Spring) else 1) for leaf in
-                  rheology.leaves()]  # fmt: skip
+        values = [
+            leaf.value * (factor if isinstance(leaf, Spring) else 1) for leaf in rheology.leaves()
+        ]
         K, N = channel(rheology, np.array(values))
         x = [np.zeros(len(K))] * 2
         path = []

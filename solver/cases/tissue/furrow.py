@@ -47,19 +47,19 @@ class Shape:
             )
 
     def place(self, depth: np.ndarray, direction: np.ndarray) -> np.ndarray:
-        """Position of a share of the thickness (0 inside, 1 outside) in a direction (n, 3)."""
+        """Position of a fraction of the thickness (0 inside, 1 outside) in a direction (n, 3)."""
         outer = np.array([self.long, self.across, self.across])
         return direction * (outer - self.thickness * (1 - depth[:, None]))
 
     def depth(self, X: np.ndarray) -> np.ndarray:
-        """The share of the thickness at positions (..., 3)."""
+        """The fraction of the thickness at positions (..., 3)."""
         outer = np.array([self.long, self.across, self.across])
-        share = np.full(X.shape[:-1], 0.5)
+        depth = np.full(X.shape[:-1], 0.5)
         for _ in range(30):
-            axes = outer - self.thickness * (1 - share[..., None])
+            axes = outer - self.thickness * (1 - depth[..., None])
             value = (X**2 / axes**2).sum(-1) - 1
-            share = share + value / (2 * self.thickness * (X**2 / axes**3).sum(-1))
-        return share
+            depth = depth + value / (2 * self.thickness * (X**2 / axes**3).sum(-1))
+        return depth
 
     def beta(self, X: np.ndarray) -> np.ndarray:
         """The pattern at positions (..., 3), in [0, 1]."""
@@ -112,8 +112,8 @@ def mesh(shape: Shape, counts: Counts, element: str) -> skfem.Mesh:
     local = whole.elem()
 
     def positions(at):
-        share = [local.lbasis(at[:, None], a)[0].item() for a in range(len(corners))]
-        P = np.einsum("a,amj->mj", share, corners)
+        weights = [local.lbasis(at[:, None], a)[0].item() for a in range(len(corners))]
+        P = np.einsum("a,amj->mj", weights, corners)
         return blown_up(shape, P)
 
     return curved(whole, positions)
@@ -181,9 +181,11 @@ class Furrow(Model):
         X = self.body.nodes
         z = (X + u)[rim, 2]
         return Measures(
-            float(z[0] - z.min()), float(u[rim[0], 2]), -4 * enclosed(cavity, X, u),
+            float(z[0] - z.min()),
+            float(u[rim[0], 2]),
+            -4 * enclosed(cavity, X, u),
             4 * enclosed(both, X, u),
-        )  # fmt: skip
+        )
 
 
 def build(
@@ -208,6 +210,8 @@ def build(
     # The dorsal end of the midline stays where it is.
     dorsal = np.argmax(X[:, 2] - np.abs(X[:, 0]) - np.abs(X[:, 1]))
     fixed = (
-        Fixed(planes[0], [1, 0, 0]), Fixed(planes[1], [0, 1, 0]), Fixed([dorsal], [0, 0, 1]),
-    )  # fmt: skip
+        Fixed(planes[0], [1, 0, 0]),
+        Fixed(planes[1], [0, 1, 0]),
+        Fixed([dorsal], [0, 0, 1]),
+    )
     return Furrow(body, fixed, pattern, tissue or Tissue(), contraction)

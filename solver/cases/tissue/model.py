@@ -1,4 +1,4 @@
-"""What furrow and neural tube share: the tissue of §5.5.3, its path in time, and measures.
+"""What furrow and neural tube have in common: the tissue of §5.5.3, its path in time, and measures.
 
 Stresses in kPa, times in s, lengths in units of the case. E_s = E_m = 5 kPa, ν = 0.3,
 η = 1000 Pa s, so η/E_m = 0.2 s; g grows linearly over t_fin = 1 s (Eq. 5.63). The strain of (5.62),
@@ -45,7 +45,7 @@ class Tissue:
         return SLS(self.E, self.E_m, self.nu, self.eta)
 
     def slow(self) -> Material:
-        """What is left of it in an infinitely slow process: the spring."""
+        """What remains of it in an infinitely slow process: the spring."""
         return NeoHookean(self.E, self.nu)
 
     def fast(self) -> Material:
@@ -65,11 +65,11 @@ class Model:
     terms: tuple[Term, ...] = ()
 
     def growth(self) -> Apical:
-        """Fg at e, the share of the final contraction."""
+        """Fg at e, the fraction of the final contraction."""
         return Apical(lambda e: -self.contraction * e, self.beta)
 
     def viscous(self, dt: float) -> Scene:
-        """The scene of a path in time; its load is the share of the contraction."""
+        """The scene of a path in time; its load is the fraction of the contraction."""
         term = Viscous(self.body, self.tissue.rheology(), self.growth(), dt=dt)
         return Scene(self.body, [term, *self.terms], fixed=self.fixed)
 
@@ -80,7 +80,7 @@ class Model:
 
 
 def ramp(t_fin: float) -> Callable[[float], float]:
-    """Share of the contraction: linear in time up to t_fin (Eq. 5.63), then held."""
+    """Fraction of the contraction: linear in time up to t_fin (Eq. 5.63), then held."""
     if not t_fin > 0:
         raise ValueError(f"t_fin = {t_fin}; expected a time > 0")
     return lambda t: min(t / t_fin, 1.0)

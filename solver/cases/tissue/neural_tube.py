@@ -29,7 +29,7 @@ TOUCHING = 0.05
 @dataclass(frozen=True)
 class Shape:
     """Length and thickness of the plate, and the pattern: angle φ of its peaks (rad), their half
-    width (rad), and the share of its strength left at the posterior end.
+    width (rad), and the fraction of its strength at the posterior end.
 
     Raises ValueError for sizes ≤ 0 and a thickness of a radius and more.
     """
@@ -49,7 +49,7 @@ class Shape:
                 f"thickness = {self.thickness}; expected less than the radius, which is 1"
             )
         if self.posterior > 1:
-            raise ValueError(f"posterior = {self.posterior}; expected a share of at most 1")
+            raise ValueError(f"posterior = {self.posterior}; expected a fraction of at most 1")
 
     def beta(self, X: np.ndarray) -> np.ndarray:
         """The pattern at positions (..., 3), in [0, 1]."""
@@ -92,13 +92,15 @@ def mesh(shape: Shape, counts: Counts, element: str) -> skfem.Mesh:
         np.linspace(0, shape.length, counts.along + 1),
         np.linspace(0, np.pi / 2, counts.around + 1),
         np.linspace(1 + h, 1 - h, counts.through + 1)[::-1],
-        shape=bend, boundaries=tests, tets=element.startswith("tet"),
-    )  # fmt: skip
+        shape=bend,
+        boundaries=tests,
+        tets=element.startswith("tet"),
+    )
 
 
 @dataclass(frozen=True)
 class Measures:
-    """Least distance between the two edges in the anterior, middle and posterior third, share of
+    """Least distance between the two edges in the anterior, middle and posterior third, fraction of
     their length that touches, and the tissue's volume; of the whole plate, in radii."""
 
     closure: float
@@ -156,8 +158,10 @@ def build(
     low = -1.0 - shape.thickness / 2
     feet = [np.argmin(np.linalg.norm(X - (x, low, 0), axis=1)) for x in (0.0, shape.length)]
     fixed = (
-        Fixed(plane, [0, 0, 1]), Fixed([feet[0]], [1, 0, 0]), Fixed(feet, [0, 1, 0]),
-    )  # fmt: skip
+        Fixed(plane, [0, 0, 1]),
+        Fixed([feet[0]], [1, 0, 0]),
+        Fixed(feet, [0, 1, 0]),
+    )
     tissue = tissue or Tissue()
     sides = body.surface(lambda X: X[:, 2] > 0.5)
     touch = Ground(

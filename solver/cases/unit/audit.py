@@ -2,7 +2,7 @@
 
 Plain NumPy over nodes and cells: the state is mirrored to the whole unit, and energy, forces and
 stiffness are integrated there from the formulas, with tensor-product shape functions, stresses as
-complex-step derivatives of ψ and tangents as those of the stress. No support is left: the whole
+complex-step derivatives of ψ and tangents as those of the stress. No support remains: the whole
 unit must be at rest on the ground, or in empty space, by itself. What the solver's kernels, scene,
 supports, rows, symmetry classes and PARDISO say has no part in it; only the mesh and the
 displacement are taken.
@@ -65,23 +65,23 @@ def faults(folding: Folding, *, rtol: float = 1e-6) -> tuple[str, ...]:
     seen = audit(model, folding.x, state.e)
     if not seen.finite or not np.isfinite(state.curves).all():
         return ("the state is not finite",)
-    found = []
+    complaints = []
     energy = state.energy * 2 ** len(model.mirrors)
     # An energy is a difference of numbers of the size of E times volume.
     roundoff = 1e-14 * unit_volume(model.unit)
     if abs(seen.energy - energy) > 1e-6 * abs(energy) + roundoff:
-        found.append(f"the energy is {seen.energy:.6g}, not {energy:.6g}")
+        complaints.append(f"the energy is {seen.energy:.6g}, not {energy:.6g}")
     if not seen.correction <= rtol:
-        found.append(f"an independent Newton step still moves it by {seen.correction:.2g}")
+        complaints.append(f"an independent Newton step still moves it by {seen.correction:.2g}")
     if seen.held is None:
-        found.append("its unstable modes could not be counted independently")
+        complaints.append("its unstable modes could not be counted independently")
     elif seen.held != state.unstable:
-        found.append(f"it has {seen.held} unstable modes, not {state.unstable}")
+        complaints.append(f"it has {seen.held} unstable modes, not {state.unstable}")
     elif model.upright and state.topples != (seen.free > seen.held):
-        found.append(f"let go it has {seen.free} unstable modes; topples is {state.topples}")
+        complaints.append(f"let go it has {seen.free} unstable modes; topples is {state.topples}")
     elif not model.upright and seen.free:
-        found.append(f"it tips over: {seen.free} unstable modes")
-    return tuple(found)
+        complaints.append(f"it tips over: {seen.free} unstable modes")
+    return tuple(complaints)
 
 
 def unit_volume(unit: Unit) -> float:
@@ -130,9 +130,9 @@ def audit(model: Model, x: np.ndarray, e: float) -> Audit:
     K, R = sp.csc_array(K)[kept][:, kept], force.ravel()
     rows = None
     if model.heavy:
-        share = volumes(nodes, cells, bent)
-        arms = now - share @ now / share.sum()
-        rows = [share[:, None] * np.cross(axis, arms) for axis in np.eye(3)[:2]]
+        volume = volumes(nodes, cells, bent)
+        arms = now - volume @ now / volume.sum()
+        rows = [volume[:, None] * np.cross(axis, arms) for axis in np.eye(3)[:2]]
         rows = np.array([
             given.get(f"rotation {name}", row).ravel() for name, row in zip("xy", rows, strict=True)
         ])  # fmt: skip
@@ -156,7 +156,7 @@ def audit(model: Model, x: np.ndarray, e: float) -> Audit:
 def whole(
     nodes: np.ndarray, u: np.ndarray, cells: np.ndarray, axes: list[int], *, sums: bool = False
 ):
-    """Nodes, displacement and cells of the body that mirror planes normal to ``axes`` left a part.
+    """Nodes, displacement and cells of the body whose part mirror planes normal to ``axes`` keep.
 
     Cells keep the order of their nodes, so mirrored ones are left-handed. ``sums``: u is a sum over
     cells, such as a force, to which on a mirror plane both sides add.
@@ -232,13 +232,13 @@ def derivative(function, F: np.ndarray, *parameters) -> np.ndarray:
 
 def elastic(unit: Unit, growth: str, nodes, u, cells, e: float, bent: int | None):
     """Energy, forces (n, 3), the largest contribution to one, and stiffness (3n, 3n)."""
-    shares = [s(e) if callable(s) else s for s in GROWTHS[growth]]
+    fractions = [s(e) if callable(s) else s for s in GROWTHS[growth]]
     force, energy, size, parts = np.zeros_like(nodes), 0.0, 0.0, []
     for start in range(0, len(cells), CELLS):
         some = cells[start : start + CELLS]
         _, g, volume = gradients(nodes[some], bent)
         active = nodes[some][..., 2].mean(axis=1) > unit.slenderness
-        grown = 1 - unit.contraction * np.outer(active, shares)  # (m, 3), along the axes
+        grown = 1 - unit.contraction * np.outer(active, fractions)  # (m, 3), along the axes
         volume = volume * grown.prod(axis=1)[:, None]
         g = g / grown[:, None, None, :]
         F = np.eye(3) / grown[:, None, None, :] + np.einsum("mai,mqaj->mqij", u[some], g)
@@ -254,8 +254,8 @@ def elastic(unit: Unit, growth: str, nodes, u, cells, e: float, bent: int | None
         A = derivative(stress, F, lam, mu) * volume[..., None, None, None, None]
         pulled = np.einsum("mqiJkL,mqbL->mqJikb", A, g, optimize=True)
         m, q = volume.shape
-        left = np.moveaxis(g, 2, -1).reshape(m, 3 * q, 27)
-        blocks = np.swapaxes(left, 1, 2) @ pulled.reshape(m, 3 * q, 9 * 27)
+        slopes = np.moveaxis(g, 2, -1).reshape(m, 3 * q, 27)
+        blocks = np.swapaxes(slopes, 1, 2) @ pulled.reshape(m, 3 * q, 9 * 27)
         blocks = blocks.reshape(m, 27, 3, 3, 27).swapaxes(3, 4)  # a, i, b, k
         where = (3 * some[:, :, None] + np.arange(3)).reshape(m, 81)
         parts.append((blocks.reshape(m, 81, 81), where))
@@ -268,11 +268,11 @@ def elastic(unit: Unit, growth: str, nodes, u, cells, e: float, bent: int | None
 
 def volumes(nodes, cells, bent) -> np.ndarray:
     """∫ N_a dV of each node, (n,)."""
-    share = np.zeros(len(nodes))
+    nodal = np.zeros(len(nodes))
     for start in range(0, len(cells), CELLS):
         N, _, volume = gradients(nodes[cells[start : start + CELLS]], bent)
-        np.add.at(share, cells[start : start + CELLS], np.einsum("mq,qa->ma", volume, N))
-    return share
+        np.add.at(nodal, cells[start : start + CELLS], np.einsum("mq,qa->ma", volume, N))
+    return nodal
 
 
 def weight(unit: Unit, nodes, u, cells, bent, upright):
@@ -294,15 +294,15 @@ def ground(unit: Unit, nodes, u, cells, bent, upright):
     such that the hinge's own weight per area rests at 0.
     """
     places = np.round(2 * ELEMENTS["hex27"][0]().doflocs).astype(int)
-    found = {}
+    sides = {}
     for axis in range(3):
         for side in (0, 2):
             local = np.flatnonzero(places[:, axis] == side)
             across = [k for k in range(3) if k != axis]
             local = local[np.lexsort(places[local][:, across].T[::-1])]
             for face in cells[:, local]:
-                found.setdefault(tuple(np.sort(face)), []).append(face)
-    faces = np.array([group[0] for group in found.values() if len(group) == 1])
+                sides.setdefault(tuple(np.sort(face)), []).append(face)
+    faces = np.array([group[0] for group in sides.values() if len(group) == 1])
     if upright:
         faces = faces[np.abs(nodes[faces, 2]).max(axis=1) < 1e-9]
     corner = nodes[faces]  # (f, 9, 3), in the order of a 3 × 3 grid

@@ -109,8 +109,8 @@ def tetrahedra(unit, c: float, *, mirrors: tuple[str, ...], element: str = "tet1
     with Model("unit") as model:
 
         def block(x: float, low: float, high: float, z: float, up: float) -> int:
-            left = 0.0 if "x" in mirrors else -x
-            corners = [(left, low, z), (x, low, z), (x, high, z), (left, high, z)]
+            start_x = 0.0 if "x" in mirrors else -x
+            corners = [(start_x, low, z), (x, low, z), (x, high, z), (start_x, high, z)]
             return model.extrude(model.polygon(corners), (0, 0, up)).volume
 
         start = 0.0 if "y" in mirrors else -half

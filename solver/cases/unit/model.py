@@ -233,7 +233,7 @@ def _contact(unit: Unit, body: Body) -> Ground:
 
 
 def images(part: Body, whole: Body, axes: Sequence[int]) -> tuple[np.ndarray, np.ndarray]:
-    """For each node of a body its image in a part of it that mirror planes left, and (n, 3) signs.
+    """For each node of a body its image in the part that mirror planes keep, and (n, 3) signs.
 
     ``axes``: the normals of those planes. Raises ValueError where a node has no image.
     """

@@ -2,7 +2,7 @@
 
 The symmetric quarter is followed first. At each accepted point its stability is judged in all four
 symmetry classes: even or odd about each mirror plane, on the same mesh under other supports. Where
-a class is lost, the path goes on with the mirror planes that are left.
+a class is lost, the path goes on with the remaining mirror planes.
 """
 
 from __future__ import annotations
@@ -199,21 +199,23 @@ def refined(
     watch = replace(model.watch, deadline=deadline)
     try:
         fine, x = carried(model, x, last.e, meshing=meshing, watch=watch)
-        found = newton(fine.scene, x, last.e, rtol=rtol, max_iterations=25, unstable=0)
-        spent = found.iterations
-        if not (found.converged and found.system.unstable == 0):
-            found = descend(fine.scene, x, last.e, rtol=rtol, reach=0.02, max_iterations=100)
-            spent += found.iterations
-        if not found.converged:
+        result = newton(fine.scene, x, last.e, rtol=rtol, max_iterations=25, unstable=0)
+        spent = result.iterations
+        if not (result.converged and result.system.unstable == 0):
+            result = descend(fine.scene, x, last.e, rtol=rtol, reach=0.02, max_iterations=100)
+            spent += result.iterations
+        if not result.converged:
             return None
-        checks = Symmetries(fine).check(found.x, last.e)
+        checks = Symmetries(fine).check(result.x, last.e)
     except OutOfTime:
         return None
-    state = _state(fine, found.x, last.e, found.system.unstable, found.system.energy, spent, checks)
+    state = _state(
+        fine, result.x, last.e, result.system.unstable, result.system.energy, spent, checks
+    )
     if np.abs(state.curves - last.curves).max() > 0.1 or state.unstable != last.unstable:
         return None
     return replace(
-        folding, states=(state,), happenings=(), model=fine, x=found.x, iterations=spent,
+        folding, states=(state,), happenings=(), model=fine, x=result.x, iterations=spent,
         seconds=time.monotonic() - begun,
     )  # fmt: skip
 
@@ -328,15 +330,15 @@ class _Walk:
         for _ in range(PATIENCE if isinstance(whole, StableSteps) else 0):
             kept = self.model, self.symmetries, len(self.happenings)
             self.stepper = replace(whole, most=whole.most // 4)
-            found = self._accept(point)
+            accepted = self._accept(point)
             self.stepper = whole
-            if not isinstance(found, Ended) or self.model is kept[0] or point.e >= 1.0:
-                return found
+            if not isinstance(accepted, Ended) or self.model is kept[0] or point.e >= 1.0:
+                return accepted
             self.model, self.symmetries = kept[:2]
             del self.happenings[kept[2] :]
             further = self.stepper.advance(self.model.scene, point, 1.0)
             if isinstance(further, Ended):
-                return found
+                return accepted
             point = further
         return self._accept(point)
 
@@ -360,14 +362,14 @@ class _Walk:
             self.model, x = self.model.widened(kept, point.x, point.e)
             before = self.model.scene.displacement(x, point.e)
             self.symmetries = Symmetries(self.model)
-            found = self.stepper.begin(self.model.scene, x, point.e, 1.0)
-            if isinstance(found, Ended):
-                return found
-            self.iterations += found.iterations
-            size = float(np.abs(self.model.scene.displacement(found.x, found.e) - before).max())
+            fallen = self.stepper.begin(self.model.scene, x, point.e, 1.0)
+            if isinstance(fallen, Ended):
+                return fallen
+            self.iterations += fallen.iterations
+            size = float(np.abs(self.model.scene.displacement(fallen.x, fallen.e) - before).max())
             kind = CLASSES[kept] if first.held else "toppling"
             self.happenings.append(Happening(kind, point.e, size))
-            point = replace(found, index=point.index)
+            point = replace(fallen, index=point.index)
             checks = self.symmetries.check(point.x, point.e)
             lost = self._lost(checks)
         state = _state(

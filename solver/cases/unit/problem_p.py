@@ -36,8 +36,8 @@ ANGLE_ISOTROPIC = 0.493  # rad at g = −0.3 from flat, ± 0.002
 @dataclass(frozen=True)
 class Counts:
     """Sizes of a mesh: shortest step along y (at the corner), factor from step to step, longest
-    step in the hinge, layers' positions as shares of the thickness, elements across half the width,
-    longest step in the panels.
+    step in the hinge, layers' positions as fractions of the thickness, elements across half the
+    width, longest step in the panels.
     """
 
     first: float

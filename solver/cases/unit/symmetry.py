@@ -76,14 +76,14 @@ class Symmetries:
         model = self.model
         u = model.scene.displacement(x, e)
         blocks = model.scene.evaluate(u, e, 2).stiffness
-        found = []
+        checks = []
         for kept, scene in self._scenes.items():
             if model.contact is not None:
                 blocks = scene.evaluate(u, e, 2).stiffness
             try:
                 factor = scene.system_of(blocks).factorise()
             except SingularMatrix:
-                found.append(Check(kept, None, None))
+                checks.append(Check(kept, None, None))
                 continue
             free = held = factor.negative
             rows = self._rows(kept, u) if model.heavy else []
@@ -91,8 +91,8 @@ class Symmetries:
                 C = np.stack([scene.unknowns(row) for row in rows])
                 S = C @ factor.solve(np.ascontiguousarray(C.T)).reshape(scene.size, len(C))
                 held = free + int((np.linalg.eigvalsh(-(S + S.T)) < 0).sum()) - len(rows)
-            found.append(Check(kept, held, free))
-        return found
+            checks.append(Check(kept, held, free))
+        return checks
 
     def _rows(self, kept, u) -> list[np.ndarray]:
         """Coefficients of the rotations about x and y that the class can make."""

@@ -13,7 +13,7 @@ KNOWN = (*EFFECTS, "contact")
 
 
 GROWTHS = {
-    # shares of the contraction along x, y, z as functions of e
+    # fractions of the contraction along x, y, z as functions of e
     "uniaxial": (0.0, lambda e: e, 0.0),
     "isotropic": (lambda e: e, lambda e: e, lambda e: e),
     "release": (lambda e: e, 1.0, lambda e: e),  # from uniaxial to isotropic
@@ -72,8 +72,8 @@ class Unit:
     def curvature(self) -> float:
         """Timoshenko's κ l_s at the full contraction (Eq. 4.14)."""
         m, n = self.h_ratio, self.E_ratio
-        share = 6 * (1 + m) / (3 * (1 + m) ** 2 + (1 + m * n) * (m**2 + 1 / (m * n)))
-        return share * self.contraction / self.slenderness
+        factor = 6 * (1 + m) / (3 * (1 + m) ** 2 + (1 + m * n) * (m**2 + 1 / (m * n)))
+        return factor * self.contraction / self.slenderness
 
     @property
     def fold_angle(self) -> float:

@@ -167,9 +167,11 @@ def test_relaxation_against_an_ode(order, dts):
 def step_of(before, after):
     level, earlier = before.level, after.past[1] if after.order == 2 else None
     return evolution.Past(
-        level.memories[0], after.dt, earlier.memories[0] if earlier else None,
+        level.memories[0],
+        after.dt,
+        earlier.memories[0] if earlier else None,
         level.t - earlier.t if earlier else None,
-    )  # fmt: skip
+    )
 
 
 def test_finite_kelvin_voigt_against_an_ode():

@@ -40,11 +40,10 @@ def test_panels_stop_where_rigid_ones_on_an_arc_would_meet(closed):
     assert closed.ending is Ending.REACHED
     length = 0.5 - P.hinge_length / 2
     meet = brentq(
-        lambda t: (
-            (P.hinge_length / t - P.slenderness / 2) * np.sin(t / 2) + length * np.cos(t / 2)
-        ),
-        3.0, 3.6,
-    )  # fmt: skip
+        lambda t: (P.hinge_length / t - P.slenderness / 2) * np.sin(t / 2) + length * np.cos(t / 2),
+        3.0,
+        3.6,
+    )
     touching = [s.clearance < 0.1 * P.slenderness for s in closed.states]
     first = touching.index(True)
     turned = [_turning(s) for s in closed.states]

@@ -224,13 +224,15 @@ def thick_panels(unit, times):
     y = [*np.linspace(0, half, 5), *(half + (0.5 - half) * np.array([0.03, 0.1, 0.3, 0.6, 1]))]
     top = h + unit.active
     grid = box(
-        [0, unit.aspect / 2], y, [0, h, top, times * h],
+        [0, unit.aspect / 2],
+        y,
+        [0, h, top, times * h],
         keep=lambda X: (X[:, 2] < top) | (X[:, 1] > half),
         layers={
             "passive": lambda X: (X[:, 1] > half) | (X[:, 2] < h),
             "active": lambda X: (X[:, 1] < half) & (X[:, 2] > h),
         },
-    )  # fmt: skip
+    )
     return Body.build(grid, "hex27", bent=1)
 
 

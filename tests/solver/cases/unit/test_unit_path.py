@@ -159,6 +159,22 @@ def test_a_fall_that_finds_no_end_is_tried_again_a_step_on(monkeypatch, failures
     assert angle(found) == pytest.approx(angle(plain), rel=1e-6)
 
 
+def test_a_path_of_as_many_states_as_are_allowed_is_too_long():
+    found = fold(build(P, Meshing(COARSEST), Physics(())), max_states=3)
+    assert found.ending is Ending.TOO_LONG and found.detail == Ending.TOO_LONG.value
+    assert len(found.states) == 3 and found.last.e < 1
+
+
+def test_a_flat_unit_without_rest_has_no_path(monkeypatch):
+    failed = Ended(Outcome.NO_STABLE_STATE)
+    monkeypatch.setattr(StableSteps, "begin", lambda self, scene, x, e, sign: failed)
+    found = fold(build(HEAVY, Meshing(COARSEST)))
+    assert found.ending is Ending.NO_REST and found.detail == Outcome.NO_STABLE_STATE.value
+    assert found.states == () and found.x is None
+    with pytest.raises(ValueError, match="the path has no states"):
+        _ = found.last
+
+
 def test_arc_length_without_noise_is_refused():
     # It was silently ignored.
     model = build(P, Meshing(0))
