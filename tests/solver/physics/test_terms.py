@@ -293,6 +293,21 @@ def test_ground(element):
     assert ground.longest_step(lie, 1e-3 * down) == 1.0
 
 
+@pytest.mark.parametrize(("depth", "reach"), [(0.05, 0.2), (0.3, 0.1)])
+def test_a_ground_carries_its_pressure_at_its_height_whatever_depth_and_reach(depth, reach):
+    body = BODIES["hex8"]
+    bottom = body.surface(lambda X: X[:, 2] < 1e-9)
+    ground = Ground(body, bottom, thickness=0.8, pressure=3.0, depth=depth, reach=reach)
+    u = np.zeros_like(body.nodes)
+    assert -ground.evaluate(u, 0.0).force[:, 2].sum() == approx(3.0 * 1.5, rel=1e-12)
+    u[:, 2] = 0.8 * reach * (1 + 1e-9)
+    assert not ground.evaluate(u, 0.0).force.any()
+    assert ground.evaluate(u - np.array([0, 0, 1e-3]), 0.0).force.any()
+    u[:, 2] = -0.8 * depth * (1 + 1e-9)
+    assert ground.evaluate(u, 0.0).energy == np.inf
+    assert np.isfinite(ground.evaluate(u + np.array([0, 0, 1e-3]), 0.0).energy)
+
+
 def test_ground_rules_with_facet_centres():
     # On plane rectangles the 20-node rule is the 27-node one: Simpson's.
     energies = []

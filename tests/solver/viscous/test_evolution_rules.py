@@ -8,7 +8,8 @@ import pytest
 
 from solver.physics.growth import Isotropic
 from solver.viscous import evolution
-from solver.viscous.evolution import Unresolved, warn_unresolved
+from solver.viscous.evolution import Level, Unresolved, warn_unresolved
+from solver.viscous.term import Memory
 
 
 @pytest.mark.parametrize("order", [1, 2])
@@ -25,6 +26,27 @@ def test_only_backward_euler_is_held_to_every_point():
     assert not evolution._dissipates(works, 1.9, 1)
     assert evolution._dissipates(works, 1.9, 2)
     assert not evolution._dissipates([np.array([np.nan])], 1.0, 2)
+
+
+def level(t, strain):
+    return Level(t, np.zeros(1), (Memory(np.full((1, 1, 6, 1), strain), np.empty((1, 1, 0))),))
+
+
+@pytest.mark.parametrize(("order", "before"), [(1, 0.1), (2, 0.1), (2, 0.07), (2, 0.13)])
+def test_the_estimate_is_what_the_formula_leaves_out(order, before):
+    # The first power of t that the formula does not integrate: from exact values
+    # of the past and the rate, one step is off by what is estimated, as a strain ½ C.
+    dt, k = 0.1, order + 1
+    t = 0.3 + np.array([0.0, -dt, -dt - before, -dt - before - 0.1])[: order + 2]
+    C = 5.0 * (t - 0.3) ** k
+    if order == 1:
+        step = C[1]  # C_n + dt C′, C′ = 0 at the new time
+    else:
+        a = np.linalg.solve(np.vander(t[:3] - 0.3, increasing=True).T, [0.0, 1.0, 0.0])
+        step = -(a[1] * C[1] + a[2] * C[2]) / a[0]
+    levels = [level(at, value) for at, value in zip(t, C, strict=True)]
+    estimate = evolution._error(levels[0], tuple(levels[1:]), order)
+    assert estimate == pytest.approx(abs(step - C[0]) / 2, rel=1e-9)
 
 
 def term(growth):

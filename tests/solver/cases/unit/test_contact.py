@@ -34,6 +34,24 @@ def test_a_wall_is_a_ground_along_another_axis(element, axis):
     assert not wall.evaluate(u, 0.0).force[:, others].any()
 
 
+@pytest.mark.parametrize("contraction", [0.3, 1e-3])
+def test_flush_panels_press_with_the_moment_of_the_hinge(contraction):
+    # On the panels' ends B κ, B = E_s h_s³/12, over the arm: h_s² κ/12 per area for an arm of h_s;
+    # κ not less than 1.
+    unit = replace(P, contraction=contraction)
+    contact = build(unit, Meshing(0), Physics(("contact",))).contact
+    u = np.zeros_like(contact.body.nodes)
+    u[:, 1] = -contact.body.nodes[:, 1]  # every point of a panel is at the plane
+    # A quarter of the panels, and the ends of the active layer, which face them.
+    area = (0.5 - unit.hinge_length / 2) * unit.aspect / 2
+    area += unit.h_ratio * unit.slenderness * unit.hinge_width * unit.aspect / 2
+    m, n = unit.h_ratio, unit.E_ratio
+    curvature = 6 * (1 + m) / (3 * (1 + m) ** 2 + (1 + m * n) * (m**2 + 1 / (m * n)))
+    curvature *= contraction / unit.slenderness
+    pressure = unit.slenderness**2 * max(curvature, 1.0) / 12
+    assert -contact.evaluate(u, 0.0).force[:, 1].sum() == pytest.approx(pressure * area, rel=1e-9)
+
+
 def test_panels_stop_where_rigid_ones_on_an_arc_would_meet(closed):
     # Hinge an arc of length l_i turned by θ, panels straight: their ends meet where
     # (l_i/θ) sin(θ/2) + L cos(θ/2) = 0; the faces do, half a thickness above the middle.
