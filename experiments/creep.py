@@ -132,8 +132,9 @@ def plot(config: Config, curves: pd.DataFrame):
             fixed = part[part["steps"] == STEPS[0]]
             euler = ax.plot(fixed["t"], 100 * fixed["axial"], ":", color=LINES[2], lw=1)
             load = ax.twinx()
-            pull = load.step([0, 0, 1, config.until], [0, 1, 0, 0], where="post",
-                             color="#999999", lw=0.7)  # fmt: skip
+            pull = load.step(
+                [0, 0, 1, config.until], [0, 1, 0, 0], where="post", color="#999999", lw=0.7
+            )
             load.set_ylim(-0.4, 1.6)
             load.set_yticks([0, 1])
             load.set_ylabel(r"load $\sigma$", color="#777777")
@@ -143,9 +144,13 @@ def plot(config: Config, curves: pd.DataFrame):
         for ax in axes[n:]:
             ax.axis("off")
         lines = [ours[0], exact[0], one[0], euler[0], pull[0]]
-        labels = ["simulation, adaptive second order", "exact, three-dimensional",
-                  "one-dimensional formula", f"simulation, steps of {config.step:g}, first order",
-                  "load"]  # fmt: skip
+        labels = [
+            "simulation, adaptive second order",
+            "exact, three-dimensional",
+            "one-dimensional formula",
+            f"simulation, steps of {config.step:g}, first order",
+            "load",
+        ]
         if n < len(axes):
             axes[n].legend(lines, labels, loc="center")
         else:

@@ -79,9 +79,13 @@ def follow(config: Config, share: float, weight: bool):
     scene = softened(model.scene, branch, dt=config.t_fin / 20, cells=hinge)
     stepper = TimeSteps(1e-7, config.t_fin / 20, tolerance=config.tolerance)
     path = evolve(
-        scene, start(scene), stepper, until=config.until, load=ramp(config.t_fin),
+        scene,
+        start(scene),
+        stepper,
+        until=config.until,
+        load=ramp(config.t_fin),
         breaks=(config.t_fin,),
-    )  # fmt: skip
+    )
     angles = [
         foldability.measure(model.curves(s.x, s.e), unit.hinge_length).m1 for s in path.states
     ]

@@ -157,8 +157,9 @@ def plot(histories, shown: Sequence[str], label: str, second: tuple[str, str]):
     with mpl.rc_context(STYLE):
         figure = Figure(figsize=(6.4, 2.7), layout="constrained")
         left, right = figure.subplots(1, 2)
-        for colour, (mesh, path) in zip(np.resize(LINES, len(histories)), histories.items(),
-                                        strict=True):  # fmt: skip
+        for colour, (mesh, path) in zip(
+            np.resize(LINES, len(histories)), histories.items(), strict=True
+        ):
             for style, key in zip(("-", "--", ":"), shown, strict=False):
                 left.plot(path["t"], path[key], style, color=colour, lw=1,
                           label=mesh if style == "-" else None)  # fmt: skip
@@ -184,8 +185,10 @@ def warped(model: Model, shapes, mirrors: Sequence[str]):
         data = grid(body, u, point_data={"beta": beta.ravel()[near]})
         part = pyvista.wrap(data).warp_by_vector("displacement")
         for normal in mirrors:
-            part = part.merge(part.reflect({"x": (1, 0, 0), "y": (0, 1, 0), "z": (0, 0, 1)}[
-                normal]), merge_points=False)  # fmt: skip
+            part = part.merge(
+                part.reflect({"x": (1, 0, 0), "y": (0, 1, 0), "z": (0, 0, 1)}[normal]),
+                merge_points=False,
+            )
         out.append(part)
     return out
 
@@ -212,8 +215,9 @@ def draw(model: Model, shapes, path) -> None:
     import pyvista
 
     whole = warped(model, shapes, ("x", "y"))
-    plotter = pyvista.Plotter(off_screen=True, window_size=(500 * len(whole), 1100),
-                              shape=(3, len(whole)), border=False)  # fmt: skip
+    plotter = pyvista.Plotter(
+        off_screen=True, window_size=(500 * len(whole), 1100), shape=(3, len(whole)), border=False
+    )
     plotter.set_background("white")
     plotter.enable_anti_aliasing("ssaa")
     for k, (half, shape) in enumerate(zip(warped(model, shapes, ("y",)), whole, strict=True)):
@@ -239,8 +243,12 @@ def framed(path, shapes, contraction: float):
         ax.imshow(image)
         ax.axis("off")
         for k, (share, _) in enumerate(shapes):
-            figure.text((k + 0.5) / len(shapes), 1 - 0.22 / height,
-                        f"$|g| = {share * contraction:.2g}$", ha="center")  # fmt: skip
+            figure.text(
+                (k + 0.5) / len(shapes),
+                1 - 0.22 / height,
+                f"$|g| = {share * contraction:.2g}$",
+                ha="center",
+            )
         bar = figure.add_axes((0.35, 0.44 / height, 0.3, 0.1 / height))
         scale = mpl.cm.ScalarMappable(mpl.colors.Normalize(0, 1), COLOURS)
         figure.colorbar(scale, cax=bar, orientation="horizontal", label=r"pattern $\beta$")

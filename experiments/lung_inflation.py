@@ -123,9 +123,12 @@ def thick_sphere(level: int) -> list[dict]:
         return inner_stretch(body, lung, stage.displacement(point.x, point.e))
 
     path = trace(
-        stage, np.zeros(stage.size), ArcLength(rtol=1e-8, a=0.02, b=0.05),
-        until=lambda p: stretch(p) - 2.6, max_steps=200,
-    )  # fmt: skip
+        stage,
+        np.zeros(stage.size),
+        ArcLength(rtol=1e-8, a=0.02, b=0.05),
+        until=lambda p: stretch(p) - 2.6,
+        max_steps=200,
+    )
     along = np.array([stretch(p) for p in path.points])
     curve = CubicSpline(along, 0.03 * path.loads)
     rows = [
@@ -150,10 +153,12 @@ def inflate(name: str, body: Body, lung: Lung, tissue: Tissue, config: Config, l
     whole = part_of(body) == "sphere"
     if whole:
         path = trace(
-            stage, np.zeros(stage.size),
+            stage,
+            np.zeros(stage.size),
             LoadSteps(rtol=1e-6, step=1 / config.sphere_steps, smallest=0.01),
-            max_steps=20 * config.sphere_steps, events=False,
-        )  # fmt: skip
+            max_steps=20 * config.sphere_steps,
+            events=False,
+        )
     else:
         path = case.run(stage, steps=config.steps, events=False, over=None)
     seconds = time.perf_counter() - start
@@ -189,10 +194,13 @@ def run(config: Config, tracker) -> dict[str, Any]:
     tracker.table("thick_sphere", pd.DataFrame(sphere))
     rows, curves = [], {}
     meshes = [(f"hex27, level {k}", lambda k=k: hexahedra(lung, k)) for k in config.levels]
-    meshes += [(f"tet4, {s:g} R", lambda s=s: tetrahedra(lung, s, part="wedge"))
-               for s in config.tets]  # fmt: skip
-    meshes += [(f"tet10, {s:g} R", lambda s=s: tetrahedra(lung, s, part="wedge", order=2))
-               for s in config.tets10]  # fmt: skip
+    meshes += [
+        (f"tet4, {s:g} R", lambda s=s: tetrahedra(lung, s, part="wedge")) for s in config.tets
+    ]
+    meshes += [
+        (f"tet10, {s:g} R", lambda s=s: tetrahedra(lung, s, part="wedge", order=2))
+        for s in config.tets10
+    ]
     for name, make in meshes:
         row, curve = inflate(name, make(), lung, tissue, config, limit=True)
         rows.append(row)
@@ -257,10 +265,14 @@ def show(lung: Lung, tissue: Tissue, config: Config, tracker) -> str:
         for share in shares:
             point = min(path.points, key=lambda p, s=share: abs(p.e - s))
             u = stage.displacement(point.x, point.e)
-            state = [s + point.e * (t - s) for s, t in (
-                ((0.0, config.pressure), (0.0, 0.0)) if number == 0
-                else ((config.pressure, low), (0.0, config.contraction))
-            )]  # fmt: skip
+            state = [
+                s + point.e * (t - s)
+                for s, t in (
+                    ((0.0, config.pressure), (0.0, 0.0))
+                    if number == 0
+                    else ((config.pressure, low), (0.0, config.contraction))
+                )
+            ]
             on = spread(wedge, u, sphere)
             file = series.write(number + point.e, on, point_data={"radial": radial(sphere, on)})
             shell = np.unique(wedge.cells[wedge.cells_of("epithelium")])

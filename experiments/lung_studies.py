@@ -128,10 +128,13 @@ def pressure(bench: Bench) -> Study:
             f"p = {top:.4f}, {100 * (top / config.pressure - 1):.1f} % above {config.pressure:g}."
         )
     return Study(
-        rows, figure,
+        rows,
+        figure,
         "changing the final pressure by 5 % either way changes the degree of the deformation, not "
-        "its kind.", "differs above" if beyond else "agrees", finding,
-    )  # fmt: skip
+        "its kind.",
+        "differs above" if beyond else "agrees",
+        finding,
+    )
 
 
 def contraction(bench: Bench) -> Study:
@@ -172,16 +175,18 @@ def contraction(bench: Bench) -> Study:
         finding += " Bulges pass into the bundles there: contact between them is not modelled."
     parts = [
         "shrinking agrees" if shrunk < 0 and dry["highest"] < 0.02 else "shrinking differs",
-        "no protrusion without pressure: " + ("agrees" if dry["aspect"] < wet["aspect"] / 2
-                                              else "differs at this contraction"),
+        "no protrusion without pressure: "
+        + ("agrees" if dry["aspect"] < wet["aspect"] / 2 else "differs at this contraction"),
         "longer with contraction: " + ("agrees" if grows else "differs"),
-    ]  # fmt: skip
+    ]
     return Study(
-        [*rows, dry], figure,
+        [*rows, dry],
+        figure,
         "contraction without pressure bends and shrinks the lung and hardly pushes the epithelium "
-        "out; with pressure, more contraction makes the protrusions longer.", "; ".join(parts),
+        "out; with pressure, more contraction makes the protrusions longer.",
+        "; ".join(parts),
         finding,
-    )  # fmt: skip
+    )
 
 
 def fibres(bench: Bench) -> Study:
@@ -189,8 +194,11 @@ def fibres(bench: Bench) -> Study:
     config, rows, curves, fields = bench.config, [], {}, []
     g = min(config.contractions)
     shell = np.unique(bench.body.cells[bench.body.cells_of("epithelium")])
-    kinds = {"along": "along fibres, mitred joints", "blended": "along fibres, blended joints",
-             "isotropic": "isotropic"}  # fmt: skip
+    kinds = {
+        "along": "along fibres, mitred joints",
+        "blended": "along fibres, blended joints",
+        "isotropic": "isotropic",
+    }
     for kind, name in kinds.items():
         tissue = replace(bench.tissue, fibres=kind)
         stage, path = bench.stage(tissue, bench.full, State(bench.low, g))
@@ -204,14 +212,15 @@ def fibres(bench: Bench) -> Study:
     apart, joints = isotropic / along - 1, blended / along - 1
     same = float(np.corrcoef(fields[0], fields[2])[0, 1])
     return Study(
-        rows, figure,
+        rows,
+        figure,
         "isotropic contraction and contraction along the fibres give the same pattern of "
         "deformation.",
         f"{'agrees' if same > 0.95 else 'differs'} on the pattern; the depth depends on it",
         f"at |g| = {-g:g} the radial displacements of the two correlate to {same:.3f}; the aspect "
         f"ratio is {along:.3f} along the fibres and {isotropic:.3f} ({100 * apart:+.0f} %) "
         f"isotropic, and {blended:.3f} ({100 * joints:+.0f} %) with blended joints.",
-    )  # fmt: skip
+    )
 
 
 def stiffness(bench: Bench) -> Study:
@@ -232,11 +241,12 @@ def stiffness(bench: Bench) -> Study:
             if not path.reached:
                 row["aspect"] = None
             row |= {
-                "mesh": name, "stiffness": E,
+                "mesh": name,
+                "stiffness": E,
                 "limit": config.pressure * ahead.last.e if ahead.reached else None,
                 "at_limit": bench.at(stage, ahead.last).aspect if ahead.reached else None,
                 "low": bench.at(low, at_low.last).aspect if at_low.reached else None,
-            }  # fmt: skip
+            }
             print(row, file=sys.stderr)
             rows.append(row)
     table = pd.DataFrame(rows)
@@ -270,10 +280,13 @@ def stiffness(bench: Bench) -> Study:
     if len(lost):
         verdict += "; below it no threshold of the shape but a limit of the pressure"
     return Study(
-        rows, figure,
+        rows,
+        figure,
         "at one final pressure no protrusions worth the name below E_sm/E_ep of about 25, and a "
-        "plateau of their depth from 75 on.", verdict, finding + ".",
-    )  # fmt: skip
+        "plateau of their depth from 75 on.",
+        verdict,
+        finding + ".",
+    )
 
 
 def model(bench: Bench) -> Study:
@@ -282,8 +295,10 @@ def model(bench: Bench) -> Study:
     g = min(config.contractions)
     for kind in ("advanced", "primitive"):
         tissue = replace(bench.tissue, model=kind)
-        for name, states in (("inflated", (bench.full,)),
-                             ("punctured", (bench.full, State(bench.low, g)))):  # fmt: skip
+        for name, states in (
+            ("inflated", (bench.full,)),
+            ("punctured", (bench.full, State(bench.low, g))),
+        ):
             stage, path = bench.stage(tissue, *states)
             u = stage.displacement(path.last.x, path.last.e)
             row = row_of(f"{kind}, {name}", path, [measure(bench.body, bench.lung, u)])
@@ -312,10 +327,13 @@ def model(bench: Bench) -> Study:
         parts.append("curvature " + ("agrees" if all(sharper) else "agrees in one of two states"
                                      if any(sharper) else "differs"))  # fmt: skip
     return Study(
-        rows, figure,
+        rows,
+        figure,
         "the primitive model has artefacts: sharper curvatures and a thickness that varies "
-        "unrealistically.", "; ".join(parts), finding + ".",
-    )  # fmt: skip
+        "unrealistically.",
+        "; ".join(parts),
+        finding + ".",
+    )
 
 
 def stability(bench: Bench) -> Study:
@@ -336,10 +354,13 @@ def stability(bench: Bench) -> Study:
         for point in points:
             u = stage.displacement(point.x, point.e)
             counts = classes.count(bench.body, u, point.e)
-            p, c = (a + point.e * (b - a) for a, b in (
-                (before.pressure, states[-1].pressure),
-                (before.contraction, states[-1].contraction),
-            ))  # fmt: skip
+            p, c = (
+                a + point.e * (b - a)
+                for a, b in (
+                    (before.pressure, states[-1].pressure),
+                    (before.contraction, states[-1].contraction),
+                )
+            )
             row = {"case": name, "e": point.e, "pressure": p, "g": c, "unstable": total(counts)}
             print(row | counts, file=sys.stderr)
             rows.append(row | counts)
@@ -357,9 +378,12 @@ def stability(bench: Bench) -> Study:
             f"g = {first['g']:.3g}, with {first['unstable']} modes"
         )
     return Study(
-        rows, figure, "(no statement on stability: each state is taken as the lung's).",
-        "new", finding + ".",
-    )  # fmt: skip
+        rows,
+        figure,
+        "(no statement on stability: each state is taken as the lung's).",
+        "new",
+        finding + ".",
+    )
 
 
 def row_of(case: str, path: Path, found: list[Measures], **more) -> dict:
@@ -396,8 +420,12 @@ def run(config: Config, tracker) -> dict[str, Any]:
         tracker.figure(f"lung_{name}", figure)
         tracker.table(name, pd.DataFrame(study.rows))
         table += [{"study": name, **row} for row in study.rows]
-        verdicts[name] = {"dissertation": study.claim, "found": study.finding,
-                          "verdict": study.verdict, "cpu_seconds": seconds}  # fmt: skip
+        verdicts[name] = {
+            "dissertation": study.claim,
+            "found": study.finding,
+            "verdict": study.verdict,
+            "cpu_seconds": seconds,
+        }
         print(name, verdicts[name], file=sys.stderr)
     return {"table": table, "verdicts": verdicts}
 

@@ -40,8 +40,9 @@ def draw(model, shapes, path) -> None:
     import pyvista
 
     middle = model.body.nodes[:, 0].max() / 2
-    plotter = pyvista.Plotter(off_screen=True, window_size=(500 * len(shapes), 800),
-                              shape=(2, len(shapes)), border=False)  # fmt: skip
+    plotter = pyvista.Plotter(
+        off_screen=True, window_size=(500 * len(shapes), 800), shape=(2, len(shapes)), border=False
+    )
     plotter.set_background("white")
     plotter.enable_anti_aliasing("ssaa")
     for k, shape in enumerate(warped(model, shapes, ("z",))):

@@ -138,8 +138,9 @@ def plot_angles(curves: pd.DataFrame):
     with mpl.rc_context(STYLE):
         growths = list(curves["growth"].unique())
         figure = Figure(figsize=(3.4 * len(growths), 3.0), layout="constrained")
-        for ax, growth in zip(figure.subplots(1, len(growths), squeeze=False)[0], growths,
-                              strict=True):  # fmt: skip
+        for ax, growth in zip(
+            figure.subplots(1, len(growths), squeeze=False)[0], growths, strict=True
+        ):
             part = curves[curves["growth"] == growth]
             for element, curve in part.groupby("element", sort=False):
                 ax.plot(-curve["g"], curve["angle"], "o-", ms=2.5, lw=1, label=element)

@@ -181,9 +181,13 @@ def condition(scene: Scene, x: np.ndarray, e: float) -> float | None:
 
     size = (scene.n_free, scene.n_free)
     largest = eigsh(
-        LinearOperator(size, product, dtype=float), k=1, which="LA", tol=1e-2,
-        v0=np.ones(scene.n_free), return_eigenvectors=False,
-    )[0]  # fmt: skip
+        LinearOperator(size, product, dtype=float),
+        k=1,
+        which="LA",
+        tol=1e-2,
+        v0=np.ones(scene.n_free),
+        return_eigenvectors=False,
+    )[0]
     try:
         least, _ = critical_mode(scene, scene.system_of(blocks).factorise(), sweeps=60)
     except SingularMatrix:
@@ -248,9 +252,11 @@ def picture(frame: pd.DataFrame, table: list[dict[str, Any]]) -> Figure:
                         ls="none",
                     )  # fmt: skip
         right.set(
-            xscale="log", yscale="log", xlabel=symbol("slenderness"),
+            xscale="log",
+            yscale="log",
+            xlabel=symbol("slenderness"),
             ylabel="condition number of the last state's stiffness",
-        )  # fmt: skip
+        )
         right.legend(fontsize=6.5, title="open: path not complete", title_fontsize=6.5)
     return figure
 

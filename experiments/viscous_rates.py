@@ -52,9 +52,13 @@ class Config:
 
 
 TINY = Config(
-    ratios=(0.1, 10.0), tolerance=1e-2, contraction=0.1, divisions=(2, 4, 8),
-    cost_meshes=("hex20:0",), mesh="hex8:0",
-)  # fmt: skip
+    ratios=(0.1, 10.0),
+    tolerance=1e-2,
+    contraction=0.1,
+    divisions=(2, 4, 8),
+    cost_meshes=("hex20:0",),
+    mesh="hex8:0",
+)
 
 
 def run(config: Config, tracker) -> dict[str, Any]:
@@ -100,8 +104,9 @@ def shape_study(config: Config) -> list[dict]:
         tau = tissue.tau
         for limit, material in (("slow", tissue.slow()), ("fast", tissue.fast())):
             scene = model.elastic(material)
-            path = trace(scene, np.zeros(scene.size), LoadSteps(1e-8, 0.1), max_steps=200,
-                         events=False)  # fmt: skip
+            path = trace(
+                scene, np.zeros(scene.size), LoadSteps(1e-8, 0.1), max_steps=200, events=False
+            )
             rows.append(measured(model, scene, path.last.x, name, limit, np.nan, path))
         for ratio in config.ratios:
             t_fin = ratio * tau
@@ -119,11 +124,15 @@ def shape_study(config: Config) -> list[dict]:
 def measured(model, scene, x, tissue: str, when: str, ratio: float, path) -> dict:
     measures = model.measure(scene.displacement(x, 1.0))
     row = {
-        "tissue": tissue, "when": when, "ratio": None if np.isnan(ratio) else ratio,
-        "depth": measures.depth, "indentation": measures.indentation, "cavity": measures.cavity,
+        "tissue": tissue,
+        "when": when,
+        "ratio": None if np.isnan(ratio) else ratio,
+        "depth": measures.depth,
+        "indentation": measures.indentation,
+        "cavity": measures.cavity,
         "steps": len(path.points if hasattr(path, "points") else path.states) - 1,
         "outcome": path.outcome.value,
-    }  # fmt: skip
+    }
     print(row, file=sys.stderr)
     return row
 
@@ -292,8 +301,7 @@ class GlobalStep:
         D = nine(np.moveaxis(nine(H), 1, -1))
         A = 4 * np.einsum("niI,nkK,nIJKL->niJkL", F, F, D, optimize=True)
         A += 2 * np.einsum("ik,nJL->niJkL", np.eye(3), nine(g))
-        dP = 2 * np.einsum("niI,nIJb->niJb", F, nine(np.moveaxis(HCY, 1, -1)).transpose(
-            0, 2, 3, 1))  # fmt: skip
+        dP = 2 * np.einsum("niI,nIJb->niJb", F, nine(np.moveaxis(HCY, 1, -1)).transpose(0, 2, 3, 1))
         m, q, k = self.gradients.shape[:3]
         B = np.zeros((m, q, 3, 3, k, 3))
         for i in range(3):
@@ -334,11 +342,14 @@ def plot(config: Config, shapes: pd.DataFrame, orders: pd.DataFrame):
     with mpl.rc_context(STYLE):
         figure = Figure(figsize=(7.2, 2.9), layout="constrained")
         left, right = figure.subplots(1, 2, width_ratios=(1.5, 1))
-        for colour, (tissue, part) in zip(LINES, shapes.groupby("tissue", sort=False),
-                                          strict=False):  # fmt: skip
+        for colour, (tissue, part) in zip(
+            LINES, shapes.groupby("tissue", sort=False), strict=False
+        ):
             later = f"{config.rest:g} relaxation times later"
-            for when, marker, text in (("grown", "o-", "end of contraction"),
-                                       ("rested", "s:", later)):  # fmt: skip
+            for when, marker, text in (
+                ("grown", "o-", "end of contraction"),
+                ("rested", "s:", later),
+            ):
                 rows = part[part["when"] == when]
                 left.semilogx(rows["ratio"].astype(float), rows["indentation"], marker,
                               color=colour, ms=3, lw=1, label=f"{tissue}, {text}")  # fmt: skip
@@ -347,8 +358,12 @@ def plot(config: Config, shapes: pd.DataFrame, orders: pd.DataFrame):
                 left.axhline(level, color=colour, lw=0.6, ls=style, alpha=0.5)
         low, high = left.get_ylim()
         left.set_ylim(low, high + 0.75 * (high - low))
-        left.legend(fontsize=7, loc="upper left",
-                    title="thin: elastic limits, slow —, fast - -", title_fontsize=7)  # fmt: skip
+        left.legend(
+            fontsize=7,
+            loc="upper left",
+            title="thin: elastic limits, slow —, fast - -",
+            title_fontsize=7,
+        )
         left.set_xlabel(r"growth time over relaxation time $t_\mathrm{fin} E_m/\eta$")
         left.set_ylabel("indentation (half lengths)")
         for order, colour in ((1, LINES[3]), (2, LINES[2])):

@@ -84,8 +84,10 @@ def _rows(lines, separator: str):
 
 def _decimal(text: str, separator: str) -> str:
     def cell(sign: str) -> re.Pattern:
-        return re.compile(rf'(?m)(?:^|{separator})[ "]*[+-]?\d*{sign}\d+(?:[eE][+-]?\d+)?[ "]*'
-                          rf"(?:{separator}|\r|$)")  # fmt: skip
+        return re.compile(
+            rf'(?m)(?:^|{separator})[ "]*[+-]?\d*{sign}\d+(?:[eE][+-]?\d+)?[ "]*'
+            rf"(?:{separator}|\r|$)"
+        )
 
     if separator == "," or cell(r"\.").search(text) or not cell(",").search(text):
         return "."

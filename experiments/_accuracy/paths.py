@@ -40,10 +40,13 @@ UNITS = {
 P_LEVELS = (
     *problem_p.LEVELS,
     problem_p.Counts(
-        1.25e-4, 2, 0.00625, (0, 0.25, 0.5, 0.8, 0.95, 0.99, 1),
+        1.25e-4,
+        2,
+        0.00625,
+        (0, 0.25, 0.5, 0.8, 0.95, 0.99, 1),
         (0, 0.005, 0.02, 0.06, 0.2, 0.5, 0.75, 1),
     ),
-)  # fmt: skip
+)
 UNIT_LEVELS = (*unit_mesh.LEVELS, unit_mesh.Sizes(0.03125, 2, 0.125, 0.0625, 0.35, 4))
 FINEST = len(UNIT_LEVELS) - 1
 G = -0.3  # contraction of Problem P

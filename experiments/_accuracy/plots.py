@@ -128,8 +128,12 @@ def draw_ladder(rows: list[dict], bands: list[dict]) -> Figure:
             _interval(axes[0], row, color=(*LINES, "#B8860B")[k % 6], marker=MARKERS[k % 6],
                       label=f"{row['source']} ({row['wrong']} of {row['compared']})")  # fmt: skip
         axes[0].set_yscale("symlog", linthresh=0.02)
-        axes[0].set(xscale="log", xlabel="labels per core-hour", title="the ladder of sources",
-                    ylabel="share that disagrees with the finest")  # fmt: skip
+        axes[0].set(
+            xscale="log",
+            xlabel="labels per core-hour",
+            title="the ladder of sources",
+            ylabel="share that disagrees with the finest",
+        )
         axes[0].legend(fontsize=6.5, loc="upper center", bbox_to_anchor=(0.5, -0.2), ncols=2)
         for k, row in enumerate(bands):
             band = row["band"]
@@ -139,9 +143,10 @@ def draw_ladder(rows: list[dict], bands: list[dict]) -> Figure:
                       label=f"{name} ({100 * row['refined']:.0f} %)")  # fmt: skip
         if bands:
             axes[1].set(
-                xlabel="labels per core-hour", ylabel="share that disagrees with all refined",
+                xlabel="labels per core-hour",
+                ylabel="share that disagrees with all refined",
                 title=f"mixed labels, {bands[0]['compared']} designs of the dataset",
-            )  # fmt: skip
+            )
             axes[1].legend(fontsize=6.5, loc="upper center", bbox_to_anchor=(0.5, -0.2), ncols=2)
     return figure
 
@@ -149,8 +154,9 @@ def draw_ladder(rows: list[dict], bands: list[dict]) -> Figure:
 def _interval(ax, row: dict, **style) -> None:
     y = row["disagreement"]
     spread = [[y - row["disagreement_low"]], [row["disagreement_high"] - y]]
-    ax.errorbar(row["labels_per_hour"], y, np.maximum(spread, 0), ls="none", ms=5, lw=1, capsize=2,
-                **style)  # fmt: skip
+    ax.errorbar(
+        row["labels_per_hour"], y, np.maximum(spread, 0), ls="none", ms=5, lw=1, capsize=2, **style
+    )
 
 
 def draw_classifiers(rows: list[dict]) -> Figure:

@@ -34,18 +34,25 @@ def plot_pictures(
             ax.set_axis_off()
             scale = ScalarMappable(Normalize(low, high), COLOURS)
             bar = figure.colorbar(
-                scale, ax=ax, orientation="horizontal", shrink=0.7, pad=0.02,
+                scale,
+                ax=ax,
+                orientation="horizontal",
+                shrink=0.7,
+                pad=0.02,
                 label="epithelium's radial displacement / R",
-            )  # fmt: skip
+            )
             bar.locator = MaxNLocator(4)
             bar.ax.set_visible(high - low > 2e-3)
     return figure
 
 
 def plot_inflation(
-    sphere: Sequence[Mapping], radial: Mapping[float, float], rows: Sequence[Mapping],
-    curves: Mapping[str, Sequence], pressure: float,
-) -> Figure:  # fmt: skip
+    sphere: Sequence[Mapping],
+    radial: Mapping[float, float],
+    rows: Sequence[Mapping],
+    curves: Mapping[str, Sequence],
+    pressure: float,
+) -> Figure:
     """Bare sphere and radial solution; aspect ratio over pressure; meshes beside the finest one."""
     with mpl.rc_context(STYLE):
         figure = Figure(figsize=(10.4, 3.4), layout="constrained", dpi=200)
@@ -72,8 +79,11 @@ def plot_inflation(
             right.plot(unknowns, 100 * row["beside_finest"], "s" if whole else "o",
                        color=colours[k % 10], label=name, ms=5)  # fmt: skip
         right.axhspan(-2, 2, color="0.92", zorder=0)
-        right.set(xscale="log", xlabel="unknowns per wedge",
-                  ylabel="aspect ratio beside the finest hexahedra, %")  # fmt: skip
+        right.set(
+            xscale="log",
+            xlabel="unknowns per wedge",
+            ylabel="aspect ratio beside the finest hexahedra, %",
+        )
         right.set_title(f"at p = {pressure:g} (band: ± 2 %)")
         right.legend(fontsize=7)
     return figure
@@ -82,8 +92,9 @@ def plot_inflation(
 def panel(count: int = 1) -> tuple:
     """A figure of ``count`` axes with room for the statements below."""
     figure = Figure(figsize=(4.0 * count + 0.6, 4.3), dpi=200)
-    figure.subplots_adjust(left=0.13 if count == 1 else 0.09, right=0.97, top=0.92,
-                           bottom=0.36, wspace=0.28)  # fmt: skip
+    figure.subplots_adjust(
+        left=0.13 if count == 1 else 0.09, right=0.97, top=0.92, bottom=0.36, wspace=0.28
+    )
     return figure, *figure.subplots(1, count, squeeze=False)[0]
 
 
@@ -92,8 +103,9 @@ def signed(figure: Figure, claim: str, finding: str, verdict: str) -> Figure:
     wide = 4 + 76 * len(figure.axes)
     text = [f"Dissertation: {claim}", f"Here: {finding}", f"Verdict: {verdict}."]
     with mpl.rc_context(STYLE):
-        figure.text(0.02, 0.02, "\n".join(textwrap.fill(t, wide) for t in text), fontsize=8,
-                    va="bottom")  # fmt: skip
+        figure.text(
+            0.02, 0.02, "\n".join(textwrap.fill(t, wide) for t in text), fontsize=8, va="bottom"
+        )
     return figure
 
 
@@ -104,8 +116,9 @@ def plot_pressure(
     with mpl.rc_context(STYLE):
         figure, ax = panel()
         for k, (name, values) in enumerate(lines.items()):
-            ax.plot(loads, values, "--" if k else "-", lw=1 if k else 1.4, color=LINES[k],
-                    label=name)  # fmt: skip
+            ax.plot(
+                loads, values, "--" if k else "-", lw=1 if k else 1.4, color=LINES[k], label=name
+            )
         asked = [row["pressure"] for row in rows]
         ax.axvspan(min(asked), max(asked), color="0.9", lw=0, label="pressures asked for")
         for row in rows:
@@ -160,8 +173,9 @@ def plot_stiffness(table: pd.DataFrame, pressure: float, low: float) -> Figure:
         for k, (name, part) in enumerate(table.groupby("mesh", sort=False)):
             style = {"color": LINES[k], "ms": 4, "lw": 1}
             E = part["stiffness"]
-            ax.plot(E, part["aspect"].astype(float), "o-", **style,
-                    label=f"{name}, p = {pressure:g}")  # fmt: skip
+            ax.plot(
+                E, part["aspect"].astype(float), "o-", **style, label=f"{name}, p = {pressure:g}"
+            )
             ax.plot(E, part["at_limit"].astype(float), "*:", **style,
                     label=f"{name}, at the limit point")  # fmt: skip
             ax.plot(E, part["low"].astype(float), "s--", **style, label=f"{name}, p = {low:g}")

@@ -63,9 +63,13 @@ def draw(rows: Sequence[Sequence]) -> None:
             look = {"smooth_shading": True, "ambient": 0.25, "diffuse": 0.8}
             if layer == 1:
                 plotter.add_mesh(
-                    surface, scalars="radial", cmap=COLOURS, clim=(low, high),
-                    show_scalar_bar=False, **look,
-                )  # fmt: skip
+                    surface,
+                    scalars="radial",
+                    cmap=COLOURS,
+                    clim=(low, high),
+                    show_scalar_bar=False,
+                    **look,
+                )
             else:
                 plotter.add_mesh(surface, color=MUSCLE, **look)
         plotter.camera_position = [(3.2, -4.2, 2.9), (0, 0, 0), (0, 0, 1)]

@@ -162,9 +162,12 @@ class Region:
             top = np.log10(self.wish.max_thickness)
             conditions.append({"type": "ineq", "fun": lambda z: top - log_measure(z, "thickness")})
         result = minimize(
-            log_measure, np.zeros(basis.shape[1]), method="SLSQP", constraints=conditions,
+            log_measure,
+            np.zeros(basis.shape[1]),
+            method="SLSQP",
+            constraints=conditions,
             options={"maxiter": 300, "ftol": 1e-10},
-        )  # fmt: skip
+        )
         return x + basis @ result.x
 
     def _too_much(self, name, value, limit, x):

@@ -124,9 +124,12 @@ def plot_pareto(
         if labels:
             for _, row in line.iterrows():
                 ax.annotate(
-                    str(row[labels]), (row[x], row[y]), (4, -8 if maximise[1] else 4),
-                    textcoords="offset points", fontsize=6.5,
-                )  # fmt: skip
+                    str(row[labels]),
+                    (row[x], row[y]),
+                    (4, -8 if maximise[1] else 4),
+                    textcoords="offset points",
+                    fontsize=6.5,
+                )
         if log[0]:
             ax.set_xscale("log")
         if log[1]:

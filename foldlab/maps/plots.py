@@ -65,9 +65,13 @@ def plot_regimes(
         figure = Figure(figsize=(width, height))
         axes = figure.subplots(rows, columns, sharex=True, sharey=True, squeeze=False)
         figure.subplots_adjust(
-            left=0.68 / width, right=1 - 0.12 / width, bottom=foot / height, top=1 - head / height,
-            wspace=0.10, hspace=0.24,
-        )  # fmt: skip
+            left=0.68 / width,
+            right=1 - 0.12 / width,
+            bottom=foot / height,
+            top=1 - head / height,
+            wspace=0.10,
+            hspace=0.24,
+        )
         colours = ListedColormap([COLOURS[v] for v in Verdict])
         norm = BoundaryNorm(np.arange(len(Verdict) + 1) - 0.5, len(Verdict))
         edges = [_edges(regime.space, name, n) for name, n in _sides(regime)]
@@ -80,9 +84,13 @@ def plot_regimes(
             ax.pcolormesh(*edges, values[k], cmap=colours, norm=norm, rasterized=True)
             if regime.margin is not None and _crosses_zero(regime.margin[k]):
                 ax.contour(
-                    regime.x_values, regime.y_values, regime.margin[k], [0.0],
-                    colors="black", linewidths=0.7,
-                )  # fmt: skip
+                    regime.x_values,
+                    regime.y_values,
+                    regime.margin[k],
+                    [0.0],
+                    colors="black",
+                    linewidths=0.7,
+                )
             if points is not None:
                 _overlay(ax, regime, points[nearest == k])
             _scale_axes(ax, regime, numbers=k + columns >= panels)
@@ -92,9 +100,13 @@ def plot_regimes(
             if k % columns == 0:
                 ax.set_ylabel(symbol(regime.y), labelpad=2)
         figure.legend(
-            handles=handles, loc="lower center", ncols=legend_columns,
-            handlelength=1.3, columnspacing=1.6, borderaxespad=0.3,
-        )  # fmt: skip
+            handles=handles,
+            loc="lower center",
+            ncols=legend_columns,
+            handlelength=1.3,
+            columnspacing=1.6,
+            borderaxespad=0.3,
+        )
         figure.suptitle(title, fontsize=9.5, y=1 - 0.06 / height)
     return figure
 

@@ -87,9 +87,12 @@ def _legend(figure: Figure, ground: bool, curves: int = 4) -> None:
         for colour, label in zip(CURVES[:curves], CURVE_NAMES[:curves], strict=True)
     ]
     figure.legend(
-        handles=handles, loc="outside lower center", ncols=len(handles), columnspacing=1.4,
+        handles=handles,
+        loc="outside lower center",
+        ncols=len(handles),
+        columnspacing=1.4,
         handlelength=1.4,
-    )  # fmt: skip
+    )
 
 
 def plot_angles(
@@ -112,10 +115,13 @@ def plot_angles(
         figure = Figure(figsize=(7.2, 3.2), layout="constrained", dpi=200)
         axes = figure.subplots(1, 2)
         for ax, name, limit, label, says in zip(
-            axes, ("m1", "m2"), limits,
+            axes,
+            ("m1", "m2"),
+            limits,
             ("fold angle $m_1$, rad", "turning across the hinge $m_2$, rad"),
-            ("folded above", "curled above"), strict=True,
-        ):  # fmt: skip
+            ("folded above", "curled above"),
+            strict=True,
+        ):
             ax.plot(x, [h[name] for h in history], "o-", ms=3, color=LINES[0])
             ax.plot([0, end], [limit, limit] if loads is not None else [0, limit],
                     ls=(0, (4, 3)), lw=0.9, color=LINES[4], label=says)  # fmt: skip

@@ -88,9 +88,11 @@ def draw(request: Request) -> None:
         pad = 0.06 * float((high - low).max())
         corners = [(low[0] - pad, high[0] + pad), (low[1] - pad, high[1] + pad)]
         floor = pyvista.Plane(
-            center=(sum(corners[0]) / 2, sum(corners[1]) / 2, 0.0), direction=(0, 0, 1),
-            i_size=corners[0][1] - corners[0][0], j_size=corners[1][1] - corners[1][0],
-        )  # fmt: skip
+            center=(sum(corners[0]) / 2, sum(corners[1]) / 2, 0.0),
+            direction=(0, 0, 1),
+            i_size=corners[0][1] - corners[0][0],
+            j_size=corners[1][1] - corners[1][0],
+        )
     seen = [shape.points for shape in shapes.values()] + ([] if floor is None else [floor.points])
     focus, reach, extent = _frame(seen)
     # The curves lie within the sheet. Of a thin one tubes come out on both sides.
@@ -108,15 +110,19 @@ def draw(request: Request) -> None:
             surface = part.extract_surface(nonlinear_subdivision=4, algorithm="dataset_surface")
             plotter.add_mesh(
                 surface.compute_normals(feature_angle=40, split_vertices=True),
-                color=LAYERS[layer], ambient=0.25, diffuse=0.75, smooth_shading=True,
-            )  # fmt: skip
+                color=LAYERS[layer],
+                ambient=0.25,
+                diffuse=0.75,
+                smooth_shading=True,
+            )
         for curve, colour in zip(curves[state], CURVES, strict=True):
             line = pyvista.lines_from_points(np.asarray(curve[::5], float))
             if thin:
                 plotter.add_mesh(line.tube(radius=radius), color=colour, ambient=0.5, diffuse=0.5)
             # What the layers hide of it is drawn on top of them.
-            hidden = plotter.add_mesh(line, color=colour, opacity=0.75,
-                                      line_width=width / (300 if thin else 160))  # fmt: skip
+            hidden = plotter.add_mesh(
+                line, color=colour, opacity=0.75, line_width=width / (300 if thin else 160)
+            )
             hidden.mapper.SetResolveCoincidentTopologyToPolygonOffset()
             hidden.mapper.SetRelativeCoincidentTopologyLineOffsetParameters(0, -66000)
         plotter.camera_position = [tuple(focus + 5 * TOWARDS), tuple(focus), (0, 0, 1)]

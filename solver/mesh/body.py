@@ -370,6 +370,10 @@ class Body:
         tangents = np.einsum("fqik,fqti->fqkt", grads, frames)
         weights = np.ascontiguousarray(np.asarray(basis.dx))
         return Surface(
-            nodes, np.ascontiguousarray(shapes), np.ascontiguousarray(tangents), weights, normals,
+            nodes,
+            np.ascontiguousarray(shapes),
+            np.ascontiguousarray(tangents),
+            weights,
+            normals,
             frames,
-        )  # fmt: skip
+        )

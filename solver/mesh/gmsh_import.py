@@ -110,10 +110,13 @@ def from_model() -> skfem.Mesh:
     t = flat.reshape(t.shape)
     out = first(np.ascontiguousarray(X[used].T), np.ascontiguousarray(t.astype(np.int32)))
     names = [
-        (dim, load_gmsh().model.getPhysicalName(dim, tag) or str(tag),
-         load_gmsh().model.getEntitiesForPhysicalGroup(dim, tag))
+        (
+            dim,
+            load_gmsh().model.getPhysicalName(dim, tag) or str(tag),
+            load_gmsh().model.getEntitiesForPhysicalGroup(dim, tag),
+        )
         for dim, tag in groups()
-    ]  # fmt: skip
+    ]
     sub = {name: np.concatenate([of_volume[v] for v in ent]) for d, name, ent in names if d == 3}
     named = {name: _faces(mesh, ent, place) for d, name, ent in names if d == 2}
     # Corner numbers of faces; −1 for nodes that are no cell's corner.

@@ -103,17 +103,24 @@ def quality(mesh: skfem.Mesh | Body, direction=None) -> Quality:
 
 def _tetrahedra(X: np.ndarray, edges: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Scaled Jacobian, and longest edge over shortest height; both 1 if regular."""
-    volume = np.abs(np.einsum("im,im->m", np.cross(X[:, 1] - X[:, 0], X[:, 2] - X[:, 0], axis=0),
-                              X[:, 3] - X[:, 0]))  # fmt: skip
+    volume = np.abs(
+        np.einsum(
+            "im,im->m", np.cross(X[:, 1] - X[:, 0], X[:, 2] - X[:, 0], axis=0), X[:, 3] - X[:, 0]
+        )
+    )
     at = {frozenset(e): i for i, e in enumerate(skfem.ElementTetP1.refdom.edges)}
-    product = np.stack([
-        np.prod([edges[at[frozenset((a, b))]] for b in range(4) if b != a], axis=0)
-        for a in range(4)
-    ])  # fmt: skip
-    faces = np.stack([
-        np.linalg.norm(np.cross(X[:, b] - X[:, a], X[:, c] - X[:, a], axis=0), axis=0)
-        for a, b, c in skfem.ElementTetP1.refdom.facets
-    ])  # fmt: skip
+    product = np.stack(
+        [
+            np.prod([edges[at[frozenset((a, b))]] for b in range(4) if b != a], axis=0)
+            for a in range(4)
+        ]
+    )
+    faces = np.stack(
+        [
+            np.linalg.norm(np.cross(X[:, b] - X[:, a], X[:, c] - X[:, a], axis=0), axis=0)
+            for a, b, c in skfem.ElementTetP1.refdom.facets
+        ]
+    )
     height = volume / faces.max(axis=0)
     return np.sqrt(2) * volume / product.max(axis=0), np.sqrt(2 / 3) * edges.max(axis=0) / height
 
@@ -159,8 +166,12 @@ def _chord(a: np.ndarray, h: np.ndarray) -> np.ndarray:
         # Barycentric coordinates of the line in the facet's projection.
         area = _cross(a[:, j] - a[:, i], a[:, k] - a[:, i])
         with np.errstate(divide="ignore", invalid="ignore"):
-            share = np.stack([_cross(a[:, j], a[:, k]), _cross(a[:, k], a[:, i]),
-                              _cross(a[:, i], a[:, j])]) / area  # fmt: skip
+            share = (
+                np.stack(
+                    [_cross(a[:, j], a[:, k]), _cross(a[:, k], a[:, i]), _cross(a[:, i], a[:, j])]
+                )
+                / area
+            )
             inside = (area != 0) & (share >= 0).all(axis=0)
             at = (share * h[[i, j, k]]).sum(axis=0)
         lo = np.where(inside, np.minimum(lo, at), lo)

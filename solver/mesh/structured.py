@@ -44,8 +44,12 @@ def graded(a: float, b: float, n: int, *, toward: str = "both", ratio: float = 1
     if not (np.isfinite(ratio) and ratio >= 1):
         raise ValueError(f"ratio = {ratio}; expected longest over shortest step, at least 1")
     k = np.arange(n)
-    rank = {"a": k, "b": k[::-1], "both": np.minimum(k, k[::-1]),
-            "middle": -np.minimum(k, k[::-1])}.get(toward)  # fmt: skip
+    rank = {
+        "a": k,
+        "b": k[::-1],
+        "both": np.minimum(k, k[::-1]),
+        "middle": -np.minimum(k, k[::-1]),
+    }.get(toward)
     if rank is None:
         raise ValueError(f"toward = {toward!r}; expected 'a', 'b', 'both' or 'middle'")
     rank = rank - rank.min()
@@ -111,8 +115,10 @@ def box(
     # Corner (i, j, k) of each cell, k fastest among the cells.
     corner = {
         (i, j, k): number[i : i + counts[0], j : j + counts[1], k : k + counts[2]].ravel()
-        for i in (0, 1) for j in (0, 1) for k in (0, 1)
-    }  # fmt: skip
+        for i in (0, 1)
+        for j in (0, 1)
+        for k in (0, 1)
+    }
     centres = (grid[corner[0, 0, 0]] + grid[corner[1, 1, 1]]) / 2
     kept = np.ones(len(centres), bool) if keep is None else _test("keep", keep, centres)
     if not kept.any():

@@ -172,8 +172,11 @@ def _end(scene, before, after, located, until, gap, rtol) -> Point | Outcome | N
         return None
     if gap * there > 0:
         # Past the target and back again within one step: a fold beyond it tells.
-        beyond = [ev for ev in located if (ev.e - until.value) * gap < 0] if isinstance(
-            until, Load) else []  # fmt: skip
+        beyond = (
+            [ev for ev in located if (ev.e - until.value) * gap < 0]
+            if isinstance(until, Load)
+            else []
+        )
         if not beyond:
             return None
         found = between(scene, before, after, beyond[0].share, rtol=rtol)
@@ -181,9 +184,11 @@ def _end(scene, before, after, located, until, gap, rtol) -> Point | Outcome | N
             return None
         middle = found[0]
         after = replace(
-            middle, index=after.index, control=after.control,
+            middle,
+            index=after.index,
+            control=after.control,
             iterations=after.iterations + middle.iterations,
-        )  # fmt: skip
+        )
     return _land(scene, before, after, until, rtol)
 
 
@@ -225,9 +230,13 @@ def _land(scene, before, after, until, rtol) -> Point | Outcome:
             energy=system.energy, residual=exact.residual,
         )  # fmt: skip
     return replace(
-        last, index=after.index, iterations=spent, step=last.e - before.e, control=after.control,
+        last,
+        index=after.index,
+        iterations=spent,
+        step=last.e - before.e,
+        control=after.control,
         history=before.past(),
-    )  # fmt: skip
+    )
 
 
 def _precedes(event: Event, before: Point, end: Point) -> bool:

@@ -212,9 +212,13 @@ def switch(
         along = own.unit(event.tangent)
         line = amplitude * (mode - own.dot(mode, along) * along)
         found = correct(
-            scene, here + line, Plane(here + line, own.row(line)),
-            rtol=rtol, load_size=metric.b, max_iterations=20,
-        )  # fmt: skip
+            scene,
+            here + line,
+            Plane(here + line, own.row(line)),
+            rtol=rtol,
+            load_size=metric.b,
+            max_iterations=20,
+        )
         if found.converged and own.norm(found.z - here) < 10:
             x, e = found.z[:-1], float(found.z[-1])
             way = tangent(scene, x, e, found.system.factorise(), line, own)

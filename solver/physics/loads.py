@@ -70,8 +70,9 @@ class Traction:
         if self._memo is None or (self._memo[0] != e and varies(self.vector)):
             s = self.surface
             t = resolve("traction", self.vector, e, s.weights.shape, self._points, (3,))
-            share = np.einsum("fq,fqk,fqi->fki", s.weights, s.shapes, np.broadcast_to(
-                t, (*s.weights.shape, 3)))  # fmt: skip
+            share = np.einsum(
+                "fq,fqk,fqi->fki", s.weights, s.shapes, np.broadcast_to(t, (*s.weights.shape, 3))
+            )
             loads = np.zeros_like(self.body.nodes)
             np.add.at(loads, s.nodes, share)
             self._memo = (e, loads)

@@ -234,8 +234,9 @@ def warn_unresolved(terms, dt: float, load, t: float, until: float) -> None:
             warnings.warn(
                 f"dt = {dt:.3g} does not resolve the shortest relaxation time of term "
                 f"{term.name!r}, {tau:.3g}; take dt <= {0.1 * tau:.3g}, or give a tolerance",
-                Unresolved, stacklevel=3,
-            )  # fmt: skip
+                Unresolved,
+                stacklevel=3,
+            )
         if term.growth is None:
             continue
         most = min(dt, until - t)
@@ -251,8 +252,9 @@ def warn_unresolved(terms, dt: float, load, t: float, until: float) -> None:
             warnings.warn(
                 f"dt = {dt:.3g} lets term {term.name!r} grow by {rate * dt:.2g} in a step; take "
                 f"dt <= {0.01 / rate:.3g}, or give a tolerance",
-                Unresolved, stacklevel=3,
-            )  # fmt: skip
+                Unresolved,
+                stacklevel=3,
+            )
 
 
 def _advance(scene, terms, state, stepper, target, load, jumps) -> State | Outcome:
@@ -283,9 +285,11 @@ def _advance(scene, terms, state, stepper, target, load, jumps) -> State | Outco
                 following = min(stepper.step, 4 * step)
             landed = t in jumps
             return replace(
-                found, step=stepper.step if landed else following,
-                past=() if landed else found.past, iterations=found.iterations + spent,
-            )  # fmt: skip
+                found,
+                step=stepper.step if landed else following,
+                past=() if landed else found.past,
+                iterations=found.iterations + spent,
+            )
         failed, cost = found
         spent += cost
         step = dt / 4
@@ -332,8 +336,10 @@ def _attempt(scene, terms, state, stepper, t, dt, e) -> State | tuple[Outcome, i
             sum(term.integral(v[k].sum(-1), e) for term, v in zip(following, shares, strict=True))
             for k in (0, 1)
         )
-        least = min((float(w[term.ids].min()) for term, w in zip(following, works, strict=True)
-                     if w.size), default=0.0)  # fmt: skip
+        least = min(
+            (float(w[term.ids].min()) for term, w in zip(following, works, strict=True) if w.size),
+            default=0.0,
+        )
         if not _dissipates(works, worked, order):
             failed = Outcome.DISSIPATION
             continue

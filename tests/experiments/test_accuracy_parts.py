@@ -78,11 +78,15 @@ def test_the_cheapest_mesh_is_one_that_holds_in_every_scene():
                 "core_seconds": seconds}  # fmt: skip
 
     rows = [
-        row("a", "tet4", 0.01, 0.1), row("b", "tet4", 0.5, 0.1),
-        row("a", "hex8", 0.01, 0.1), row("b", "hex8", None, 0.1),
-        row("a", "hex20", 0.01, 2.0), row("b", "hex20", 0.04, 2.0),
-        row("a", "hex27", 0.001, 3.0), row("b", "hex27", 0.002, 3.0),
-    ]  # fmt: skip
+        row("a", "tet4", 0.01, 0.1),
+        row("b", "tet4", 0.5, 0.1),
+        row("a", "hex8", 0.01, 0.1),
+        row("b", "hex8", None, 0.1),
+        row("a", "hex20", 0.01, 2.0),
+        row("b", "hex20", 0.04, 2.0),
+        row("a", "hex27", 0.001, 3.0),
+        row("b", "hex27", 0.002, 3.0),
+    ]
     found = chosen({"elements": rows})
     assert [r["take"] for r in found] == ["hex20 on mesh 1", "hex27 on mesh 1"]
     assert found[0]["wrong"].startswith("4.00%") and found[0]["costs"].startswith("4 core")

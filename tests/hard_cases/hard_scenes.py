@@ -60,9 +60,12 @@ def section_curvature(g, *, m, n, nu=0.3, growth=(1, 0, 0), order=10):
         ln = np.log(a * thick / Gx)
         along = w * Gx * Gz * (mu * (a - 1 / a) + lam * ln / a)
         across = w * Gx * Gy * (mu * (thick - 1 / thick) + lam * ln / thick)
-        return np.concatenate([
-            [along.sum(), along @ z], p[1] * height.T @ along + rate.T @ across,
-        ])  # fmt: skip
+        return np.concatenate(
+            [
+                [along.sum(), along @ z],
+                p[1] * height.T @ along + rate.T @ across,
+            ]
+        )
 
     flat = np.zeros(2 * order)
     flat[[0, order]] = 1.0
@@ -122,8 +125,10 @@ def block(size, cells, *, tilt=0.0, lift=0.0, weight=1e-3, E=1.0, nu=0.3, base=N
     surface = body.surface(body.mesh.boundary_facets() if base is None else base)
     ground = Ground(body, surface, thickness=min(size), pressure=weight * size[2])
     terms = [Elastic(body, NeoHookean(E, nu)), Gravity(body, 1.0, weight), ground]
-    shift = [Row(r.coefficients, value=float((r.coefficients * u).sum()))
-             for r in (translation_row(body, 0), translation_row(body, 1))]  # fmt: skip
+    shift = [
+        Row(r.coefficients, value=float((r.coefficients * u).sum()))
+        for r in (translation_row(body, 0), translation_row(body, 1))
+    ]
     if spin:
         # On the lines x = 0 nothing moves along x: no turning about z, and none about y.
         on = body.nodes_where(near(0, 0.0))
@@ -197,7 +202,9 @@ def envelope(model, steps=8):
         x, e = path.last.x, path.last.e
         past.append(path.last)
     h = 1e-4
-    rates = [(model.scene.energy(p.x, p.e + h) - model.scene.energy(p.x, p.e - h)) / (2 * h)
-             for p in past[:-1]]  # fmt: skip
+    rates = [
+        (model.scene.energy(p.x, p.e + h) - model.scene.energy(p.x, p.e - h)) / (2 * h)
+        for p in past[:-1]
+    ]
     gained = past[-1].energy - model.scene.energy(np.zeros(model.scene.size), 0.0)
     return gained, float(weights @ rates / 2)

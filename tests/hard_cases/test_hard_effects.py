@@ -43,8 +43,9 @@ PARTS = {
     "growth": [
         (kind, ("__init__", "tensor"))
         for kind in (growth.Isotropic, growth.Orthotropic, growth.General, growth.AlongFibre)
-    ] + [(growth.Growth, ("evaluate",)), (growth, ("_dyads",))],
-}  # fmt: skip
+    ]
+    + [(growth.Growth, ("evaluate",)), (growth, ("_dyads",))],
+}
 
 
 def counting(own, effect, calls):
@@ -91,9 +92,7 @@ def test_each_absent_effect_of_a_block_stays_silent(monkeypatch):
     def run(*more, growth=None, noise=None):
         pull = Traction(body, end, lambda e: np.array([0.05 * e, 0, 0]))
         scene = Scene(body, [Elastic(body, solid, growth), pull, *more], fixed=fixed)
-        path = trace(
-            scene, np.zeros(scene.size), LoadSteps(1e-9, 0.5, noise=noise), max_steps=20
-        )  # fmt: skip
+        path = trace(scene, np.zeros(scene.size), LoadSteps(1e-9, 0.5, noise=noise), max_steps=20)
         assert path.reached
 
     with counted(monkeypatch, *PARTS) as calls:
@@ -106,8 +105,9 @@ def test_each_absent_effect_of_a_block_stays_silent(monkeypatch):
         below = body.surface(lambda X: X[:, 2] < 1e-9)
         run(
             ground.Ground(body, below, thickness=1.0, pressure=0.1, height=-0.05),
-            pressure.Pressure(body, end, lambda e: 0.01 * e), clock.Deadline(1e12),
-        )  # fmt: skip
+            pressure.Pressure(body, end, lambda e: 0.01 * e),
+            clock.Deadline(1e12),
+        )
         assert set(calls) == set(PARTS)
 
 

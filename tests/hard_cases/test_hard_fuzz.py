@@ -129,9 +129,9 @@ def test_the_second_code_path_notices_what_is_wrong():
         return replace(found, states=(*found.states[:-1], replace(last, **changes)))
 
     x = found.x.copy()
-    x[: found.model.scene.n_free] += 1e-4 * np.random.default_rng(0).standard_normal(
-        found.model.scene.n_free
-    ) * unit.slenderness  # fmt: skip
+    x[: found.model.scene.n_free] += (
+        1e-4 * np.random.default_rng(0).standard_normal(found.model.scene.n_free) * unit.slenderness
+    )
     assert any("Newton step" in f for f in faults(replace(found, x=x)))
     assert any("energy" in f for f in faults(with_last(energy=last.energy * (1 + 1e-4))))
     odd = replace(last.checks[0], held=1)
@@ -148,9 +148,13 @@ def test_the_second_code_path_counts_unstable_modes():
     counts = []
     for e in (0.2, 0.45):
         path = trace(
-            model.scene, np.zeros(model.scene.size), LoadSteps(rtol=1e-6, step=0.1),
-            until=load(e), max_steps=50, events=False,
-        )  # fmt: skip
+            model.scene,
+            np.zeros(model.scene.size),
+            LoadSteps(rtol=1e-6, step=0.1),
+            until=load(e),
+            max_steps=50,
+            events=False,
+        )
         whole, x = model.widened((), path.last.x, e)
         counts.append((audit(model, path.last.x, e).held, whole.scene.system(x, e).unstable))
     assert counts[0] == (0, 0) and counts[1][0] == counts[1][1] > 0

@@ -150,8 +150,9 @@ def test_a_strip_lifts_off_and_lands_three_times():
     states = []
     point = None
     for target in np.arange(1, 7) / 6:
-        path = settled(scene, until=target, step=1 / 24, start=np.zeros(scene.size) if point is None
-                       else point)  # fmt: skip
+        path = settled(
+            scene, until=target, step=1 / 24, start=np.zeros(scene.size) if point is None else point
+        )
         point = path.last
         for p in path.points:
             assert lift(scene, ground, p.x, p.e) == pytest.approx(weight, rel=1e-6)

@@ -107,10 +107,13 @@ def pressed(by):
 
 @pytest.mark.parametrize(
     "stepper",
-    [LoadSteps(1e-10, 1.0, first=1.0), StableSteps(LoadSteps(1e-10, 1.0, first=1.0), locate=False),
-     ArcLength(1e-10, a=1.0, b=1.0)],
+    [
+        LoadSteps(1e-10, 1.0, first=1.0),
+        StableSteps(LoadSteps(1e-10, 1.0, first=1.0), locate=False),
+        ArcLength(1e-10, a=1.0, b=1.0),
+    ],
     ids=["load steps", "settle", "arc"],
-)  # fmt: skip
+)
 def test_a_first_step_that_inverts_elements_is_shortened(stepper):
     """The top of a block comes down by 80 % in one step, three elements deep: the step is cut, and
     the end is the homogeneous state to 1e-8."""

@@ -82,7 +82,7 @@ def test_snap_back_behind_a_spring_ten_thousand_times_softer():
     scene = truss_on_spring(stiffness)
     path = trace(
         scene, rest(scene), ArcLength(1e-11, a=0.02, b=0.2), until=load(5.0), max_steps=300
-    )  # fmt: skip
+    )
     assert path.reached
     w = np.linspace(0, 0.25, 400001)
     end = w + 2 * truss_load(w) / stiffness
@@ -105,9 +105,13 @@ def test_a_solid_arch_lands_on_the_far_branch_of_its_own_path():
     assert settled.events[0].e * 40 > 33.5  # not before the limit load of 34.09
     # The load passes 1 three times; the last time the crown has sunk deepest.
     arc = trace(
-        scene, rest(scene), ArcLength(rtol=1e-8, a=0.02, b=0.1), max_steps=200, events=False,
+        scene,
+        rest(scene),
+        ArcLength(rtol=1e-8, a=0.02, b=0.1),
+        max_steps=200,
+        events=False,
         until=lambda p: -scene.displacement(p.x, p.e)[crown, 1].mean() - 1.9,
-    )  # fmt: skip
+    )
     assert arc.reached
     after = [p for p in arc.points if p.unstable == 0 and p.e > 0.6 and p.index > 5]
     near_ = min(after, key=lambda p: abs(p.e - 1.0))
@@ -148,7 +152,7 @@ def test_a_path_that_crosses_itself_is_walked_twice_round():
 
     path = trace(
         scene, np.array([1.0, 0.0]), ArcLength(1e-10, a=0.08, b=0.2), until=until, max_steps=600
-    )  # fmt: skip
+    )
     phi = np.unwrap([np.arctan2(p.x[1], p.x[0]) for p in path.points])
     assert phi[-1] - phi[0] > 3.9 * np.pi
     assert np.all(np.diff(phi) > 0)
@@ -175,7 +179,7 @@ def test_every_point_of_a_looping_path_is_what_it_says():
     scene = crooked_arch()
     path = trace(
         scene, rest(scene), ArcLength(1e-11, a=0.01, b=0.02), until=load(3.0), max_steps=400
-    )  # fmt: skip
+    )
     folds = [ev for ev in path.events if ev.kind == "fold"]
     assert path.reached and len(folds) >= 4
     assert np.ptp(path.loads) > 3
@@ -294,9 +298,12 @@ def test_imperfections_cost_load_by_koiters_two_thirds():
     pushes, lost = np.array([1e-4, 1e-5, 1e-6]), []
     for push in pushes:
         path = trace(
-            scene_of(push), np.array([push]), ArcLength(1e-12, a=0.002, b=0.002), max_steps=300,
+            scene_of(push),
+            np.array([push]),
+            ArcLength(1e-12, a=0.002, b=0.002),
+            max_steps=300,
             until=lambda p: p.x[0] - 0.2,
-        )  # fmt: skip
+        )
         (fold,) = [ev for ev in path.events if ev.kind == "fold"]
         lost.append(1 - fold.e)
     slope = np.diff(np.log(lost)) / np.diff(np.log(pushes))

@@ -90,10 +90,11 @@ def function_scene(n, energy, gradient, hessian, symmetric=True):
     body = Nodes(np.arange(3.0 * n).reshape(n, 3), 1.0)
     everything = np.arange(n)
     return Scene(
-        body, [Function(n, energy, gradient, hessian, symmetric)],
+        body,
+        [Function(n, energy, gradient, hessian, symmetric)],
         fixed=[Fixed(everything, (0, 1, 0)), Fixed(everything, (0, 0, 1))],
         scales=Scales(1.0, 1.0, 1.0),
-    )  # fmt: skip
+    )
 
 
 def truss(rise=0.1):
@@ -161,8 +162,10 @@ def carousel(stiffness=10.0):
         mixed = np.outer(out, round_) + np.outer(round_, out)
         f = (1 - np.cos(2 * phi)) / 2 - e
         return (
-            stiffness * oo + stiffness * (r - 1) / r * rr
-            + np.sin(2 * phi) / r**2 * rr - f / r**2 * mixed
-        )  # fmt: skip
+            stiffness * oo
+            + stiffness * (r - 1) / r * rr
+            + np.sin(2 * phi) / r**2 * rr
+            - f / r**2 * mixed
+        )
 
     return function_scene(2, None, gradient, hessian)

@@ -159,8 +159,11 @@ def test_series_is_resumable_and_names_only_whole_files(tmp_path, monkeypatch):
     monkeypatch.undo()
     assert Series(tmp_path / "fold.pvd", body, resume=True).loads == [0.0, 0.25, 0.1 + 0.2]
     assert sorted(p.name for p in tmp_path.iterdir()) == [
-        "fold.pvd", "fold_00000.vtu", "fold_00001.vtu", "fold_00002.vtu"
-    ]  # fmt: skip
+        "fold.pvd",
+        "fold_00000.vtu",
+        "fold_00001.vtu",
+        "fold_00002.vtu",
+    ]
     assert Series(tmp_path / "fold.pvd", body).loads == []
 
 

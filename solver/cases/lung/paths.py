@@ -40,9 +40,12 @@ class Paths:
             made = scene(self.body, self.lung, tissue, before, states[-1])
             bends = states[-1].contraction != before.contraction
             path = run(
-                made, x, steps=(2 if bends else 1) * self.steps, events=False,
+                made,
+                x,
+                steps=(2 if bends else 1) * self.steps,
+                events=False,
                 over="settle" if bends and tissue.model == "advanced" else None,
-            )  # fmt: skip
+            )
             self._known[key] = made, path
         return self._known[key]
 

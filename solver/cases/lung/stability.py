@@ -24,8 +24,12 @@ from solver.mesh.body import Body
 from solver.physics.supports import Fixed
 
 # Planes about which a mode is odd, and how many classes are like it.
-CLASSES = {"even": ((), 1), "odd in one": ((0,), 3), "odd in two": ((0, 1), 3),
-           "odd in three": ((0, 1, 2), 1)}  # fmt: skip
+CLASSES = {
+    "even": ((), 1),
+    "odd in one": ((0,), 3),
+    "odd in two": ((0, 1), 3),
+    "odd in three": ((0, 1, 2), 1),
+}
 
 
 def spread(wedge: Body, u: np.ndarray, other: Body) -> np.ndarray:

@@ -133,9 +133,12 @@ def audit(model: Model, x: np.ndarray, e: float) -> Audit:
         volume = volumes(nodes, cells, bent)
         arms = now - volume @ now / volume.sum()
         rows = [volume[:, None] * np.cross(axis, arms) for axis in np.eye(3)[:2]]
-        rows = np.array([
-            given.get(f"rotation {name}", row).ravel() for name, row in zip("xy", rows, strict=True)
-        ])  # fmt: skip
+        rows = np.array(
+            [
+                given.get(f"rotation {name}", row).ravel()
+                for name, row in zip("xy", rows, strict=True)
+            ]
+        )
     moment = 0.0
     if given and model.upright:
         # A couple on a lopsided body may have parts that the other rows take.
@@ -383,9 +386,13 @@ def negatives(K: sp.csc_array, solve) -> int | None:
     for count in (8, 32):
         try:
             values = eigsh(
-                S, k=count, sigma=0, OPinv=inverse, v0=np.ones(len(scale)),
+                S,
+                k=count,
+                sigma=0,
+                OPinv=inverse,
+                v0=np.ones(len(scale)),
                 return_eigenvectors=False,
-            )  # fmt: skip
+            )
         except ArpackError:
             return None
         lowest = values.min()

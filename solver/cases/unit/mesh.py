@@ -85,10 +85,13 @@ def mesh(
         return np.where(X[:, 2] > h, inside & solid(np.abs(X[:, 0])), inside | panel)
 
     grid = box(
-        x, y, z, keep=kept,
+        x,
+        y,
+        z,
+        keep=kept,
         layers={"passive": lambda X: X[:, 2] < h, "active": lambda X: X[:, 2] > h},
         tets=element.startswith("tet"),
-    )  # fmt: skip
+    )
     return Body.build(grid, element, bent=1 if element == "hex27" else None)
 
 

@@ -161,9 +161,13 @@ def carried(
         return model.body.interpolation(body.nodes) @ u
 
     other = build(
-        model.unit, meshing or model.meshing, physics or model.physics, model.supports,
-        watch=watch or model.watch, about=mapped,
-    )  # fmt: skip
+        model.unit,
+        meshing or model.meshing,
+        physics or model.physics,
+        model.supports,
+        watch=watch or model.watch,
+        about=mapped,
+    )
     start = mapped(other.body)
     if isinstance(other.ground, Ground):
         # Between this mesh's contact points the sheet may lie below the floor.

@@ -187,8 +187,10 @@ def test_an_event_is_where_it_set_in_to_stay():
     history += [row(0.25, m2=0.5, tip=2.0), row(0.3, m2=0.7, tip=9.0, m4=0.85)]
     (_, outcome, _), events = judged(*history)
     assert {event["kind"]: event["contraction"] for event in events} == {
-        "lift-off": 0.25, "curling": 0.25, "warping": 0.3,
-    }  # fmt: skip
+        "lift-off": 0.25,
+        "curling": 0.25,
+        "warping": 0.3,
+    }
     assert outcome == "curled"
     assert judged(row(0.0), row(0.1, m2=0.6), row(0.3, m1=2.0))[1] == []
 

@@ -263,9 +263,11 @@ def test_export_round_trip(path, suffix):
     # A CSV file has no types: "1" comes back as a number.
     back = read_table(out).astype({"foldable": "boolean", "version": "str"})
     pd.testing.assert_frame_equal(back, frame)
-    how = back.attrs["foldlab"] if suffix == ".parquet" else json.loads(
-        (path.parent / "s.csv.json").read_text()
-    )  # fmt: skip
+    how = (
+        back.attrs["foldlab"]
+        if suffix == ".parquet"
+        else json.loads((path.parent / "s.csv.json").read_text())
+    )
     assert how["labels"] == 3
     assert how["foldlab"]
     assert how["sources"] == [{"source": "test", "version": "1", "labels": 3}]

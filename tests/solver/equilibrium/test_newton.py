@@ -81,10 +81,11 @@ def test_descent_ends_in_the_next_valley():
 def test_newton_stagnation_is_told_from_convergence():
     noise = np.random.default_rng(0)
     scene = function_scene(
-        1, None,
+        1,
+        None,
         lambda q, e: q - 1 + 1e-6 * noise.standard_normal(1),
         lambda q, e: np.array([[1.0]]),
-    )  # fmt: skip
+    )
     found = newton(scene, np.zeros(1), 0.0, rtol=1e-9, max_iterations=50)
     assert found.outcome is Outcome.STAGNATED or found.outcome is Outcome.NO_PROGRESS
     assert newton(scene, np.zeros(1), 0.0, rtol=1e-4).converged

@@ -344,8 +344,9 @@ def test_many_solvers_do_not_leak():
     import resource
 
     n = 20_000
-    A = sp.diags_array([np.full(n, 4.0), np.full(n - 1, -1.0), np.full(n - 50, -1.0)],
-                       offsets=[0, 1, 50]).tocsr()  # fmt: skip
+    A = sp.diags_array(
+        [np.full(n, 4.0), np.full(n - 1, -1.0), np.full(n - 50, -1.0)], offsets=[0, 1, 50]
+    ).tocsr()
 
     def use():
         make_solver(A.indptr, A.indices, symmetric=True, method="pardiso").factorise(A.data)

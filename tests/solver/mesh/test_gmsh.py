@@ -108,8 +108,9 @@ def test_serendipity_file(tmp_path):
 def test_points_to_volumes_with_arcs(element):
     """A quarter ring from points, arcs and loops; second-order cells follow the arc."""
     with Model() as model:
-        o, a, b, c, d = (model.point(*p) for p in
-                         ((0, 0, 0), (1, 0, 0), (1.5, 0, 0), (0, 1.5, 0), (0, 1, 0)))  # fmt: skip
+        o, a, b, c, d = (
+            model.point(*p) for p in ((0, 0, 0), (1, 0, 0), (1.5, 0, 0), (0, 1.5, 0), (0, 1, 0))
+        )
         around = [model.line(a, b), model.arc(b, o, c), model.line(c, d), model.arc(d, o, a)]
         ring = model.extrude(model.surface(model.loop(around)), (0, 0, 0.5))
         model.subdomain("ring", [ring.volume])
@@ -133,8 +134,10 @@ def test_a_narrow_hinge_needs_glue_and_a_hole_is_left_out():
     """A volume on part of another's face: separate parts until glued, and names follow."""
     for glued in (False, True):
         with Model() as model:
-            wide = model.polygon([(0, 0, 0), (3, 0, 0), (3, 2, 0), (0, 2, 0)],
-                                 holes=[[(0.2, 0.2, 0), (0.6, 0.2, 0), (0.6, 0.7, 0)]])  # fmt: skip
+            wide = model.polygon(
+                [(0, 0, 0), (3, 0, 0), (3, 2, 0), (0, 2, 0)],
+                holes=[[(0.2, 0.2, 0), (0.6, 0.2, 0), (0.6, 0.7, 0)]],
+            )
             base = model.extrude(wide, (0, 0, -0.5))
             small = model.polygon([(1, 0.5, 0), (2, 0.5, 0), (2, 1.5, 0), (1, 1.5, 0)])
             top = model.extrude(small, (0, 0, 0.4))
@@ -169,8 +172,10 @@ def test_revolved_and_closed_volumes():
     with Model() as model:
         p = [model.point(*x) for x in ((0, 0, 0), (1, 0, 0), (0, 1, 0), (0, 0, 1))]
         e = {(i, j): model.line(p[i], p[j]) for i in range(4) for j in range(i + 1, 4)}
-        faces = [model.surface(model.loop([e[i, j], e[j, k], e[i, k]]))
-                 for i, j, k in ((0, 1, 2), (0, 1, 3), (0, 2, 3), (1, 2, 3))]  # fmt: skip
+        faces = [
+            model.surface(model.loop([e[i, j], e[j, k], e[i, k]]))
+            for i, j, k in ((0, 1, 2), (0, 1, 3), (0, 2, 3), (1, 2, 3))
+        ]
         model.subdomain("corner", [model.volume(faces)])
         mesh = model.tetrahedra(1.0, {"corner": 0.5})
     assert Body.build(mesh, "tet4").weights.sum() == pytest.approx(1 / 6)
@@ -190,10 +195,12 @@ def test_models_that_are_refused(tmp_path):
         (tetra(passive=H, active=-1), "expected positive numbers"),
         (tetra(passive=H, active=L, lid=1), "no sub-domain lid"),
         (lambda m: m.tetrahedra(1.0, {"passive": H, "active": L}, order=3), "order = 3"),
-        (lambda m: (m.boundary("no", lambda X: X[:, 0] > 9), tetra(passive=H, active=L)(m)),
-         "boundary 'no' is empty"),
+        (
+            lambda m: (m.boundary("no", lambda X: X[:, 0] > 9), tetra(passive=H, active=L)(m)),
+            "boundary 'no' is empty",
+        ),
         (lambda m: m.line(1, 9999), "Gmsh refused"),
-    ):  # fmt: skip
+    ):
         with Model() as model:
             unit(model)
             with pytest.raises(ValueError, match=message):

@@ -17,8 +17,9 @@ ONE = [0.0, 1.0]
 # -- builders --------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("toward, shortest", [("a", [0]), ("b", [5]), ("both", [0, 5]),
-                                              ("middle", [2, 3])])  # fmt: skip
+@pytest.mark.parametrize(
+    "toward, shortest", [("a", [0]), ("b", [5]), ("both", [0, 5]), ("middle", [2, 3])]
+)
 def test_graded_steps_are_geometric_and_shrink_where_they_should(toward, shortest):
     x = graded(-1, 2, 6, toward=toward, ratio=8)
     steps = np.diff(x)
@@ -87,8 +88,12 @@ def test_ring_closes_and_sphere_patch_is_a_24th(element):
     patch = Body.build(box([1, 1.5], angles, angles, shape=spherical, tets=tets), element)
     assert 24 * patch.weights.sum() == pytest.approx(4 / 3 * np.pi * (1.5**3 - 1), rel=rel)
     # Its sides are mirror planes: y = 0, z = 0, y = x, z = x.
-    for side, normal in (("y-", (0, 1, 0)), ("z-", (0, 0, 1)), ("y+", (1, -1, 0)),
-                         ("z+", (1, 0, -1))):  # fmt: skip
+    for side, normal in (
+        ("y-", (0, 1, 0)),
+        ("z-", (0, 0, 1)),
+        ("y+", (1, -1, 0)),
+        ("z+", (1, 0, -1)),
+    ):
         np.testing.assert_allclose(patch.nodes[patch.nodes_of(side)] @ normal, 0, atol=1e-12)
 
 
@@ -109,9 +114,9 @@ def test_weld_joins_layers_and_keeps_names(tets):
     both = type(lower)(
         np.hstack([lower.p, upper.p[:, ::-1]]), np.hstack([lower.t, 2 * n - 1 - upper.t])
     )
-    both = both.with_subdomains({"top": np.arange(m, 2 * m)}).with_boundaries({
-        "floor": lambda X: X[2] == 0, "seam": lambda X: X[2] == 1, "end": lambda X: X[0] == 2
-    })  # fmt: skip
+    both = both.with_subdomains({"top": np.arange(m, 2 * m)}).with_boundaries(
+        {"floor": lambda X: X[2] == 0, "seam": lambda X: X[2] == 1, "end": lambda X: X[0] == 2}
+    )
     element = "tet4" if tets else "hex8"
     with pytest.raises(ValueError, match=r"2 parts .* 6 pairs of nodes coincide"):
         Body.build(both, element)
@@ -224,8 +229,12 @@ def slit():
         (moved(skfem.MeshHex(), 7, (0.2, 0.2, 0.2)), "1 of 1 cells are inverted"),
         (moved(skfem.MeshTet(), 7, (1, 1, 1e-15)), "inverted or flat"),
         (moved(skfem.MeshHex(), 3, (np.nan, 0, 0)), "1 nodes have no finite position"),
-        (skfem.MeshHex(np.hstack([np.full((3, 1), 5.0), skfem.MeshHex().p]),
-                       skfem.MeshHex().t + 1), r"1 nodes belong to no cell, the first near \(5"),
+        (
+            skfem.MeshHex(
+                np.hstack([np.full((3, 1), 5.0), skfem.MeshHex().p]), skfem.MeshHex().t + 1
+            ),
+            r"1 nodes belong to no cell, the first near \(5",
+        ),
         (fold(), "at 1 facets lie on the same side .* folded over"),
         (twice(), "6 facets belong to more than two cells"),
         (cubes((0, 0, 0), (3, 0, 0)), r"2 parts that share no facet \(cells: 1, 1\)"),
@@ -235,7 +244,7 @@ def slit():
         (bridged(), r"2 nodes hang on facets of other cells, the first near \(1, 0, 0.5\)"),
         (slit(), r"2 pairs of nodes coincide without being one, the first near \(1, [01], 2\)"),
     ],
-)  # fmt: skip
+)
 def test_meshes_that_are_refused(mesh, message):
     element = "tet4" if isinstance(mesh, skfem.MeshTet1) else "hex8"
     with pytest.raises(ValueError, match=message):
@@ -299,8 +308,9 @@ def test_quality_of_bricks_and_regular_tetrahedra():
 
 
 def test_quality_of_a_sheared_brick_and_of_split_bricks():
-    shear = box(TWO, ONE, ONE, shape=lambda X: X + X[:, [1]] * np.array([1.0, 0, 0]),
-                quadratic=False)  # fmt: skip
+    shear = box(
+        TWO, ONE, ONE, shape=lambda X: X + X[:, [1]] * np.array([1.0, 0, 0]), quadratic=False
+    )
     assert quality(shear).scaled_jacobian == pytest.approx((2**-0.5, 2**-0.5))
     layers = {"low": lambda X: X[:, 2] < 0.12, "high": lambda X: X[:, 2] > 0.12}
     x, y, z = np.linspace(0, 4, 5), np.linspace(0, 1, 4), np.linspace(0, 0.3, 6)

@@ -146,9 +146,7 @@ def test_a_closed_path_without_energy_is_walked_round_once():
 
 def test_a_custom_target_is_met_exactly():
     scene = truss()
-    path = trace(
-        scene, rest(scene), TRUSS_ARC, until=lambda p: -p.x[0] - 0.1, max_steps=100
-    )  # fmt: skip
+    path = trace(scene, rest(scene), TRUSS_ARC, until=lambda p: -p.x[0] - 0.1, max_steps=100)
     assert path.reached
     assert path.last.x[0] == pytest.approx(-0.1, abs=1e-10)
     assert path.last.e == pytest.approx(0.0, abs=1e-12)  # the flat truss carries nothing
@@ -300,9 +298,11 @@ def strip(h=0.01, g=-0.1):
     growth = Orthotropic((0.0, lambda e: g * e, 0.0), cells=upper)
     planes = [Fixed(body.nodes_where(lambda X, i=i: X[:, i] < 1e-9), np.eye(3)[i]) for i in (0, 1)]
     return Scene(
-        body, [Elastic(body, NeoHookean(1.0, 0.3), growth)], fixed=planes,
+        body,
+        [Elastic(body, NeoHookean(1.0, 0.3), growth)],
+        fixed=planes,
         rows=[translation_row(body, 2)],
-    )  # fmt: skip
+    )
 
 
 def test_a_thin_strip_curls_in_few_iterations_whatever_the_stepper():

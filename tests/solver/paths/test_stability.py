@@ -86,7 +86,7 @@ def test_events_can_be_left_out():
     scene = column(1.0)
     path = trace(
         scene, rest(scene), LoadSteps(1e-11, 0.3), until=load(1.4), max_steps=50, events=False
-    )  # fmt: skip
+    )
     assert path.events == ()
     assert path.last.unstable == 1
 
@@ -116,7 +116,7 @@ def test_a_stable_path_snaps_through_to_the_lower_branch():
     scene = truss()
     path = trace(
         scene, rest(scene), StableSteps(LoadSteps(1e-10, 4e-5)), until=load(4e-4), max_steps=60
-    )  # fmt: skip
+    )
     assert path.reached
     assert kinds(path) == ["fold", "snap"]
     fold, snap = path.events
@@ -153,7 +153,7 @@ def test_a_stable_path_that_falls_for_ever_ends_in_words():
     scene = column(1.0, cubic=-0.5)  # no valley beyond the branch point
     path = trace(
         scene, rest(scene), StableSteps(LoadSteps(1e-10, 0.15)), until=load(1.4), max_steps=60
-    )  # fmt: skip
+    )
     assert path.outcome in (Outcome.NO_STABLE_STATE, Outcome.NO_PROGRESS)
     assert 0.8 < path.last.e < 1
     # What it failed at is known all the same.

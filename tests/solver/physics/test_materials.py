@@ -106,9 +106,10 @@ def test_growth_tensors():
         inverse, J = case.evaluate(0.5, (4, 2), lambda: X)
         full = np.broadcast_to(Fg, (4, 2, 3, 3))
         np.testing.assert_allclose(
-            np.broadcast_to(inverse, full.shape) @ full, np.broadcast_to(np.eye(3), full.shape),
+            np.broadcast_to(inverse, full.shape) @ full,
+            np.broadcast_to(np.eye(3), full.shape),
             atol=1e-14,
-        )  # fmt: skip
+        )
         np.testing.assert_allclose(np.broadcast_to(J, (4, 2)), np.linalg.det(full), rtol=1e-14)
         case.cells = np.array([True, False, False, True])
         inverse, J = case.evaluate(0.5, (4, 2), lambda: X)

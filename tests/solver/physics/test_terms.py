@@ -396,9 +396,7 @@ SOLID = NeoHookean(E, NU)
         (lambda: Pressure(BODY, SIDE, 1.0, potential="volume"), "no potential here"),
         (lambda: Pressure(BODY, SIDE, 1.0, potential="closed"), "no potential 'closed'"),
         (
-            lambda: Pressure(
-                BODY, box_surface(BODY), lambda e, X: X[..., 0], potential="volume"
-            ),
+            lambda: Pressure(BODY, box_surface(BODY), lambda e, X: X[..., 0], potential="volume"),
             "expected one number",
         ),
         (lambda: Ground(BODY, SIDE, thickness=0, pressure=1.0), "positive thickness"),
@@ -406,7 +404,7 @@ SOLID = NeoHookean(E, NU)
         (lambda: GroundExponential(BODY, length=1.0, modulus=0.0), "positive modulus"),
         (lambda: resolve("g", lambda e, X: X, 0.0, (1, 1)), "positions are not known"),
     ],
-)  # fmt: skip
+)
 def test_bad_input(make, message):
     with pytest.raises(ValueError, match=message):
         make()

@@ -120,9 +120,12 @@ def test_thick_sphere_against_the_radial_solution():
         return inner_stretch(body, lung, stage.displacement(point.x, point.e))
 
     path = trace(
-        stage, np.zeros(stage.size), ArcLength(rtol=1e-8, a=0.02, b=0.05),
-        until=lambda p: stretch(p) - 2.6, max_steps=100,
-    )  # fmt: skip
+        stage,
+        np.zeros(stage.size),
+        ArcLength(rtol=1e-8, a=0.02, b=0.05),
+        until=lambda p: stretch(p) - 2.6,
+        max_steps=100,
+    )
     curve = CubicSpline([stretch(p) for p in path.points], 0.03 * path.loads)
     for at, p in {1.05: 0.0060399, 1.2: 0.0161545, 1.4: 0.0204693, 1.75: 0.0202319,
                   2.5: 0.0154945}.items():  # fmt: skip
@@ -270,16 +273,19 @@ def test_section_of_the_undeformed_wedge():
 # -- bad input -----------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("given, words", [
-    ({"width": 0.6}, "where they would fill the cells of the tiling n = 2"),
-    ({"width": 0.0}, "bundles 0 R wide"),
-    ({"n": 5, "width": 0.3}, "fill the cells of the tiling n = 5"),
-    ({"epithelium": 1.2}, "expected a thickness between 0 and the radius"),
-    ({"epithelium": 0.0}, "epithelium = 0 R"),
-    ({"muscle": -0.1}, "expected a thickness, or 0 for no cage"),
-    ({"n": 0}, "n = 0; expected a whole number"),
-    ({"n": 1.5}, "n = 1.5; expected a whole number"),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    "given, words",
+    [
+        ({"width": 0.6}, "where they would fill the cells of the tiling n = 2"),
+        ({"width": 0.0}, "bundles 0 R wide"),
+        ({"n": 5, "width": 0.3}, "fill the cells of the tiling n = 5"),
+        ({"epithelium": 1.2}, "expected a thickness between 0 and the radius"),
+        ({"epithelium": 0.0}, "epithelium = 0 R"),
+        ({"muscle": -0.1}, "expected a thickness, or 0 for no cage"),
+        ({"n": 0}, "n = 0; expected a whole number"),
+        ({"n": 1.5}, "n = 1.5; expected a whole number"),
+    ],
+)
 def test_what_is_no_lung_is_refused(given, words):
     with pytest.raises(ValueError, match=words):
         Lung(**given)
@@ -291,18 +297,21 @@ def test_what_is_no_lung_within_a_hair_is_built():
     assert isinstance(hexahedra(lung, 0), Body)
 
 
-@pytest.mark.parametrize("name, given, words", [
-    ("lung_inflation", {"width": 1.2}, "where they would fill the cells"),
-    ("lung_inflation", {"epithelium": 1.0}, "between 0 and the radius"),
-    ("lung_inflation", {"levels": (7,)}, "no level 7; there are: 0, 1"),
-    ("lung_inflation", {"spheres": ("hex8",)}, "no sphere 'hex8'; there are: tet4"),
-    ("lung_inflation", {"pressure_drop": 1.5}, "a drop between 0 and 1"),
-    ("lung_inflation", {"nu": 0.5}, "expected -1 < nu < 0.5"),
-    ("lung_studies", {"contractions": (-1.0,)}, "a contraction above -1"),
-    ("lung_studies", {"contractions": (0.0,)}, "at least one below 0"),
-    ("lung_studies", {"studies": ("colour",)}, "no study 'colour'"),
-    ("lung_studies", {"pressure": 0.11, "studies": ("contraction",)}, "0.11 is not reached"),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    "name, given, words",
+    [
+        ("lung_inflation", {"width": 1.2}, "where they would fill the cells"),
+        ("lung_inflation", {"epithelium": 1.0}, "between 0 and the radius"),
+        ("lung_inflation", {"levels": (7,)}, "no level 7; there are: 0, 1"),
+        ("lung_inflation", {"spheres": ("hex8",)}, "no sphere 'hex8'; there are: tet4"),
+        ("lung_inflation", {"pressure_drop": 1.5}, "a drop between 0 and 1"),
+        ("lung_inflation", {"nu": 0.5}, "expected -1 < nu < 0.5"),
+        ("lung_studies", {"contractions": (-1.0,)}, "a contraction above -1"),
+        ("lung_studies", {"contractions": (0.0,)}, "at least one below 0"),
+        ("lung_studies", {"studies": ("colour",)}, "no study 'colour'"),
+        ("lung_studies", {"pressure": 0.11, "studies": ("contraction",)}, "0.11 is not reached"),
+    ],
+)
 def test_experiments_refuse_bad_settings(name, given, words):
     module = importlib.import_module(f"experiments.{name}")
     with pytest.raises(InputError, match=words):

@@ -39,9 +39,13 @@ def grown(model, ratio=5.0, n=10, **options):
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", Unresolved)
         path = evolve(
-            scene, start(scene), TimeSteps(1e-7, t_fin / n, **options), until=t_fin,
-            load=ramp(t_fin), breaks=(t_fin,),
-        )  # fmt: skip
+            scene,
+            start(scene),
+            TimeSteps(1e-7, t_fin / n, **options),
+            until=t_fin,
+            load=ramp(t_fin),
+            breaks=(t_fin,),
+        )
     assert path.reached
     return path, scene.displacement(path.last.x, 1.0)
 

@@ -112,8 +112,11 @@ def test_four_classes_have_all_modes_of_the_whole_when_it_topples():
     assert found.ending is Ending.STOPPED
     last = found.last
     assert {c.kept: (c.held, c.free) for c in last.checks} == {
-        ("x", "y"): (0, 0), ("y",): (0, 0), ("x",): (0, 1), (): (0, 0),
-    }  # fmt: skip
+        ("x", "y"): (0, 0),
+        ("y",): (0, 0),
+        ("x",): (0, 1),
+        (): (0, 0),
+    }
     assert counted(model, found.x, last.e) == 0
     assert counted(model, found.x, last.e, free=True) == 1
     assert [h.kind for h in found.happenings] == ["toppling"]
@@ -134,9 +137,13 @@ def test_four_classes_have_all_modes_of_the_whole_past_a_twist():
     counts = []
     for e in (0.2, 0.45):
         point = trace(
-            model.scene, np.zeros(model.scene.size), steps, until=load(e), max_steps=50,
+            model.scene,
+            np.zeros(model.scene.size),
+            steps,
+            until=load(e),
+            max_steps=50,
             events=False,
-        ).last  # fmt: skip
+        ).last
         assert point.e == e
         checks = Symmetries(model).check(point.x, e)
         assert all(c.held == c.free for c in checks)  # without weight nothing topples
