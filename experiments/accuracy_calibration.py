@@ -22,6 +22,7 @@ from experiments.common import main, save_figure
 from experiments.gravity_campaign import SHEETS
 from foldlab.design import FULL
 from foldlab.labels import foldability
+from foldlab.labels.asked import Conditions, Effort
 from foldlab.labels.forecast import forecast
 from foldlab.labels.solver import SolverSource
 from foldlab.plots import STYLE
@@ -53,7 +54,8 @@ def run(config: Config, tracker) -> dict[str, Any]:
     plan += [(config.fine_accuracy, config.fine_designs)] if config.fine_designs else []
     rows = []
     for accuracy, count in plan:
-        source = SolverSource(accuracy=accuracy, timeout=config.timeout, effects=config.effects)
+        effort = Effort(accuracy, config.timeout)
+        source = SolverSource(Conditions(config.effects), effort)
         for k in range(count):
             design = designs.iloc[k][FULL.names].astype(float).to_dict()
             row = {"accuracy": accuracy, "design": k, **one(source, design, config)}

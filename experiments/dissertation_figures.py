@@ -17,6 +17,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from experiments.common import main, save_figure
+from foldlab.labels.asked import Conditions, Effort
 from foldlab.labels.solver import SolverSource
 from foldlab.plots import STYLE
 
@@ -61,9 +62,8 @@ def run(config: Config, tracker) -> dict[str, Any]:
 
 def _path(config: Config, design, *, growth="uniaxial", effects="gravity,ground", **options):
     """Run and label of one design; the path is on the coarsest mesh."""
-    source = SolverSource(
-        growth=growth, effects=effects, timeout=config.timeout, accuracy=0.05, **options
-    )
+    conditions = Conditions(effects, growth, **options)
+    source = SolverSource(conditions, Effort(accuracy=0.05, timeout=config.timeout))
     return source.follow(design)
 
 

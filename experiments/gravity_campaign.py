@@ -22,6 +22,7 @@ from matplotlib.figure import Figure
 from experiments.common import OUT, main, save_figure
 from foldlab.campaign.campaign import run_campaign
 from foldlab.design import FULL
+from foldlab.labels.asked import Conditions, Effort
 from foldlab.labels.solver import SolverSource
 from foldlab.labels.store import LabelStore
 from foldlab.plots import STYLE
@@ -45,7 +46,8 @@ TINY = Config(size=2, timeout=20.0, accuracy=0.2)
 
 
 def run(config: Config, tracker) -> dict[str, Any]:
-    source = SolverSource(growth=config.growth, accuracy=config.accuracy, timeout=config.timeout)
+    effort = Effort(config.accuracy, config.timeout)
+    source = SolverSource(Conditions(growth=config.growth), effort)
     path = Path(config.store) if config.store else OUT / f"gravity_{config.growth}.db"
     path.parent.mkdir(exist_ok=True)
     started = time.perf_counter()

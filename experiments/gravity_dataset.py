@@ -20,6 +20,7 @@ from experiments.gravity_campaign import SHEETS, picture
 from foldlab.campaign.campaign import run_campaign
 from foldlab.design import FULL
 from foldlab.errors import InputError
+from foldlab.labels.asked import Conditions, Effort
 from foldlab.labels.solver import SolverSource
 from foldlab.labels.store import LabelStore
 from foldlab.tables import write_table
@@ -48,7 +49,7 @@ def run(config: Config, tracker) -> dict[str, Any]:
         path = Path(getattr(config, growth) or OUT / f"dataset_{growth}.db")
         if not getattr(config, growth):
             OUT.mkdir(exist_ok=True)
-            source = SolverSource(growth=growth, accuracy=0.2, timeout=20.0)
+            source = SolverSource(Conditions(growth=growth), Effort(accuracy=0.2, timeout=20.0))
             run_campaign(SHEETS.sample(2, seed=config.seed), source, path, progress=False)
         with LabelStore(path, mode="read") as store:
             frame = store.frame("solver")

@@ -21,6 +21,7 @@ from experiments.common import main, save_figure
 from foldlab.datasets import load_dataset
 from foldlab.design import FULL
 from foldlab.errors import InputError
+from foldlab.labels.asked import Effort
 from foldlab.labels.foldability import Thresholds
 from foldlab.labels.solver import SolverSource
 from foldlab.learning.features import probability_of_folding
@@ -158,7 +159,7 @@ def _map(model, config: Config, tracker) -> dict[str, Any]:
             **HELD,
         }
     )[FULL.names]
-    source = SolverSource(timeout=30.0)
+    source = SolverSource(effort=Effort(timeout=30.0))
     labels = [source.label(d) for d in designs.to_dict("records")]
     checked = designs.assign(foldable=pd.array([x.foldable for x in labels], dtype="boolean"))
     figure = plot_regimes(

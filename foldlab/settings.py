@@ -67,25 +67,45 @@ def build(cls: type, settings: dict[str, Any], **fixed: Any):
 def call(cls: type, settings: Mapping[str, Any], *, what: str, **fixed: Any):
     """``cls(**settings, **fixed)``, the settings checked and converted as its constructor says.
 
-    ``what`` names it in messages. Raises :class:`InputError` for a setting that it lacks or that
-    is not the user's to give, and for a value of a wrong type.
+    Where a parameter is itself a record of settings, a dataclass whose fields all have defaults,
+    its fields are settings too. ``what`` names ``cls`` in messages. Raises :class:`InputError` for
+    a setting that it lacks or that is not the user's to give, and for a value of a wrong type.
     """
     parameters = inspect.signature(cls).parameters
+    hints = get_type_hints(cls.__init__)
     names = [name for name in parameters if name not in fixed]
+    records = {name: hints[name] for name in names if _is_record(hints.get(name))}
+    fields = {f.name: name for name, record in records.items() for f in dataclasses.fields(record)}
+    names = [name for name in names if name not in records]
     needed = [name for name in names if parameters[name].default is inspect.Parameter.empty]
     missing = [name for name in needed if name not in settings]
-    hints = get_type_hints(cls.__init__)
     values = {}
+    parts: dict[str, dict[str, Any]] = {name: {} for name in records}
     for name, value in settings.items():
-        if name not in names:
-            raise InputError(f"{what} has no setting {name!r}; it has: {', '.join(names)}")
+        if name not in names and name not in fields:
+            known = ", ".join([*fields, *names])
+            raise InputError(f"{what} has no setting {name!r}; it has: {known}")
+        record = fields.get(name)
+        hint = hints.get(name, Any) if record is None else get_type_hints(records[record])[name]
         try:
-            values[name] = TypeAdapter(hints.get(name, Any)).validate_python(value)
+            checked = TypeAdapter(hint).validate_python(value)
         except ValidationError as error:
             raise InputError(f"{name} = {value!r}: {_reason(error)}") from None
+        (values if record is None else parts[record])[name] = checked
     if missing:
         raise InputError(f"{what} needs {', '.join(missing)}; add --set {missing[0]}=…")
-    return cls(**values, **fixed)
+    made = {name: records[name](**part) for name, part in parts.items() if part}
+    return cls(**values, **made, **fixed)
+
+
+def _is_record(hint) -> bool:
+    """Whether it is a dataclass whose fields all have defaults."""
+    if not (isinstance(hint, type) and dataclasses.is_dataclass(hint)):
+        return False
+    return all(
+        f.default is not dataclasses.MISSING or f.default_factory is not dataclasses.MISSING
+        for f in dataclasses.fields(hint)
+    )
 
 
 def numbers(settings: dict[str, Any]) -> dict[str, float]:

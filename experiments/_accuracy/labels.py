@@ -21,6 +21,7 @@ from experiments.gravity_campaign import SHEETS
 from foldlab.campaign.campaign import run_campaign
 from foldlab.datasets import load_dataset
 from foldlab.design import FULL
+from foldlab.labels.asked import Effort
 from foldlab.labels.foldability import TAGS, Thresholds
 from foldlab.labels.screening import COARSE_ERROR, near
 from foldlab.labels.solver import SolverSource
@@ -37,11 +38,11 @@ def ladder_sources(timeout: float) -> dict[str, Any]:
     """Name → label source, from the cheapest to the finest; the whole unit last."""
     return {
         "Timoshenko": TimoshenkoSource(FULL),
-        "quarter, coarse": SolverSource(refine="never", timeout=timeout),
-        "mixed": SolverSource(refine="near", timeout=timeout),
-        "quarter, 2 %": SolverSource(timeout=timeout),
-        FINEST: SolverSource(accuracy=0.005, timeout=timeout),
-        "whole, 2 %": SolverSource(seed=0, timeout=4 * timeout),
+        "quarter, coarse": SolverSource(effort=Effort(refine="never", timeout=timeout)),
+        "mixed": SolverSource(effort=Effort(refine="near", timeout=timeout)),
+        "quarter, 2 %": SolverSource(effort=Effort(timeout=timeout)),
+        FINEST: SolverSource(effort=Effort(accuracy=0.005, timeout=timeout)),
+        "whole, 2 %": SolverSource(effort=Effort(timeout=4 * timeout), seed=0),
     }
 
 
@@ -129,9 +130,9 @@ def cheap_labels(config) -> tuple[pd.DataFrame, pd.DataFrame, pd.DataFrame]:
     designs = table.loc[pick, FULL.names]
     OUT.mkdir(exist_ok=True)
     with LabelStore(OUT / "accuracy_vs_time.db") as store:
-        source = SolverSource(refine="never", timeout=config.timeout)
+        source = SolverSource(effort=Effort(refine="never", timeout=config.timeout))
         coarse = labelled(designs, source, store, config.workers)
-        source = SolverSource(timeout=config.timeout)
+        source = SolverSource(effort=Effort(timeout=config.timeout))
         fine = labelled(designs.head(config.clocked), source, store, config.workers)
     coarse.index = pick
     fine.index = pick[: len(fine)]

@@ -62,10 +62,13 @@ class Solving:
 
     def source(self) -> SolverSource:
         """The label source that solves so."""
+        from foldlab.labels.asked import Conditions, Effort
         from foldlab.labels.solver import SolverSource
 
-        settings = asdict(self)
-        return SolverSource(upright=not settings.pop("free"), **settings)
+        conditions = Conditions(
+            self.effects, self.growth, not self.free, self.strips, barrier=self.barrier
+        )
+        return SolverSource(conditions, Effort(self.accuracy, self.timeout), self.question)
 
 
 @dataclass(frozen=True)
@@ -109,14 +112,14 @@ def simulate(
 
     groups = numbers(given.read())
     source = solving.source()
-    design = complete(groups, heavy=source.heavy)
+    design = complete(groups, heavy=source.conditions.heavy)
     source.unit(design)
     if thick_hinge(design):
         _warn(
             f"the active layer is {design['h_ratio'] * design['slenderness']:.3g} l_s thick and "
             f"the hinge only {design['hinge_length']:.3g} l_s long: {THICK_HINGE}"
         )
-    if not source.heavy and "stiffness_to_weight" in groups:
+    if not source.conditions.heavy and "stiffness_to_weight" in groups:
         _warn("stiffness_to_weight acts on nothing without gravity among the effects")
     with output_folder(out):
         expected = forecast(design, source)
@@ -125,11 +128,11 @@ def simulate(
         clock = {} if asked.why else None
         run, label = source.follow(design, clock)
         result = summary(label, run, source)
-        result["plan"] = asdict(source.plan)
+        result["plan"] = asdict(source.effort.plan)
         result["expected"] = None if expected is None else asdict(expected)
         if asked.why:
             result["why"] = explain(label, run, source, clock, asked.ablation)
-        for name in () if source.heavy else WEIGHT:
+        for name in () if source.conditions.heavy else WEIGHT:
             result["design"][name] = None
         clear(out)
         write_json(out / "result.json", {**result, "label": asdict(label), "path": run.history})

@@ -57,10 +57,10 @@ def forecast(design: Mapping[str, float], source) -> Forecast | None:
 
     None where no like labels are at hand: other questions than "from_flat", strips, noise.
     """
-    if source.question != "from_flat" or source.strips or source.seed is not None:
+    if source.question != "from_flat" or source.conditions.strips or source.seed is not None:
         return None
-    table, tree, scale = _labels(source.growth)
-    if not source.heavy:
+    table, tree, scale = _labels(source.conditions.growth)
+    if not source.conditions.heavy:
         # Weightless designs are most like those of the stiffest sheets.
         design = {**design, "stiffness_to_weight": float(FULL["stiffness_to_weight"].high)}
     at = _features(pd.DataFrame([dict(design)])[FULL.names].astype(float)) / scale * WEIGHTS
@@ -71,14 +71,14 @@ def forecast(design: Mapping[str, float], source) -> Forecast | None:
     second = unknowns / np.where(levels > 2, FINER[2], 1.0)
     error = near["error_estimate"].to_numpy(float)
     # A finer mesh has about a quarter of the error.
-    third = np.where(levels > 2, error * 4, error) > source.accuracy
-    if source.plan.finest > 2:
-        fourth, third = np.where(levels > 2, error, error / 4) > source.accuracy, error >= 0
+    third = np.where(levels > 2, error * 4, error) > source.effort.accuracy
+    if source.effort.plan.finest > 2:
+        fourth, third = np.where(levels > 2, error, error / 4) > source.effort.accuracy, error >= 0
         seconds = seconds + np.where(fourth, FINER[3] * second, 0.0) * SECONDS_PER_1000 / 1000
     more = np.where(third & (levels == 2), FINER[2] * second, 0.0)
     seconds = seconds + more * SECONDS_PER_1000 / 1000
     sizes = second * np.where(third, FINER[2], 1.0)
-    if source.plan.finest > 2:
+    if source.effort.plan.finest > 2:
         sizes = np.where(fourth, FINER[3] * second, sizes)
     low, middle, high = np.quantile(seconds, [0.1, 0.5, 0.9]) * pace()
     memory = MEMORY[0] + MEMORY[1] * float(np.median(sizes)) / 1000

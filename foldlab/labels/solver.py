@@ -4,16 +4,16 @@ from __future__ import annotations
 
 import time
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any, Literal
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
-import numpy as np
 import pandas as pd
 
 from foldlab.design import FULL, DesignSpace
 from foldlab.errors import InputError
 from foldlab.labels import screening
 from foldlab.labels import verdict as judging
+from foldlab.labels.asked import Conditions, Effort
 from foldlab.labels.foldability import Thresholds
 from foldlab.labels.label import Label
 from foldlab.labels.memory import forget_peak
@@ -28,120 +28,65 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True)
-class Plan:
-    """What an asked accuracy chooses: the finest of the meshes 0, 1, …, rad that the fold turns by
-    in a step, and the tolerance of Newton's method."""
-
-    finest: int
-    turn: float = 0.5
-    tolerance: float = 1e-6
-    element: str = "hex27"
-
-
-# By the accuracy from which on they hold. Below 0.01 the path's mesh counts for nothing, and the
-# error is that of two finer ones. Longer steps and looser tolerances save little: on 14 designs the
-# median was 1.6, 1.5 and 2.1 core-seconds at 0.5 rad and 1e-6, 0.7 and 1e-5, 1.0 and 1e-4.
-PLANS = {0.01: Plan(2), 0.0: Plan(3)}
-
-EFFECTS = ("gravity,ground", "gravity,ground,contact", "contact", "none")
-
-
 class SolverSource:
     """Labels from the finite-strain solver, with weight and ground or without.
 
-    ``accuracy``: error that is asked for, of the fold angle and of the turning across the hinge,
-    relative to the angle or to what counts as folded (|g|π), whichever is larger; meshes are
-    refined until two of them agree so well, at most to the third, below 0.01 to the fourth.
-    ``effects``: one of :data:`EFFECTS`; "contact" is that of the panels with each other.
-    ``growth``: "uniaxial" or "isotropic". ``question``: "from_flat", or "exists": is there a folded
-    stable state, approached by uniaxial contraction and then released to isotropic? ``upright``:
-    whether the unit is held against toppling. ``timeout``: seconds per label, after which it is
-    unknown. ``seed``: follow noisy steps (§4.3.3) on the whole unit instead of testing symmetric
-    ones. ``strips``: active strips side by side along the hinge that cover ``strip_share`` of its
-    width (0: a solid layer). ``barrier``: the ground's, "surface" or the dissertation's
-    "exponential" (Eq. 4.5). ``refine``: "always"; "near" a threshold only and where the coarsest
-    path is in doubt, see :mod:`foldlab.labels.screening`; or "never". What is not refined states an
-    error that was calibrated on other designs.
+    ``question``: "from_flat", or "exists": is there a folded stable state, approached by uniaxial
+    contraction and then released to isotropic? ``seed``: follow noisy steps (§4.3.3) on the whole
+    unit instead of testing symmetric ones.
 
     Without "contact" panels pass through each other, as in the dissertation; a path ends where the
     fold has made a full turn, and where the hinge has curled through half a turn about the other
     axis.
     """
 
-    name = "solver"
-    thresholds = Thresholds()
+    conditions: Conditions = field(default_factory=Conditions)
+    effort: Effort = field(default_factory=Effort)
+    question: Literal["from_flat", "exists"] = "from_flat"
+    seed: int | None = None
+    space: DesignSpace = FULL
 
-    def __init__(
-        self,
-        space: DesignSpace = FULL,
-        accuracy: float = 0.02,
-        effects: str = "gravity,ground",
-        growth: Literal["uniaxial", "isotropic"] = "uniaxial",
-        question: Literal["from_flat", "exists"] = "from_flat",
-        upright: bool = True,
-        timeout: float = 60.0,
-        seed: int | None = None,
-        strips: int = 0,
-        strip_share: float = 0.5,
-        barrier: Literal["surface", "exponential"] = "surface",
-        refine: Literal["always", "near", "never"] = "always",
-    ):
-        known = {"uniaxial", "isotropic"}
-        if growth not in known:
-            raise InputError(f"growth {growth!r}; expected one of {', '.join(sorted(known))}")
-        if question not in ("from_flat", "exists"):
-            raise InputError(f"question {question!r}; expected 'from_flat' or 'exists'")
-        if question == "exists" and growth != "isotropic":
+    name: ClassVar[str] = "solver"
+    thresholds: ClassVar[Thresholds] = Thresholds()
+
+    def __post_init__(self):
+        c, refine = self.conditions, self.effort.refine
+        if self.question not in ("from_flat", "exists"):
+            raise InputError(f"question {self.question!r}; expected 'from_flat' or 'exists'")
+        if self.question == "exists" and c.growth != "isotropic":
             raise InputError(
                 "question 'exists' is about isotropic contraction; set growth=isotropic"
             )
-        if effects not in EFFECTS:
-            raise InputError(
-                f"effects {effects!r}; expected one of {', '.join(map(repr, EFFECTS))}: weight and "
-                "ground come together"
-            )
-        if barrier not in ("surface", "exponential"):
-            raise InputError(f"barrier {barrier!r}; expected 'surface' or 'exponential'")
-        if refine not in ("always", "near", "never"):
-            raise InputError(f"refine {refine!r}; expected 'always', 'near' or 'never'")
-        usual = growth == "uniaxial" and effects == "gravity,ground" and upright and seed is None
-        if refine != "always" and not (usual and strips == 0 and barrier == "surface"):
+        # Without strips it does not matter what they would cover.
+        solid = replace(c, strip_share=Conditions.strip_share)
+        if refine != "always" and (solid != Conditions() or self.seed is not None):
             raise InputError(
                 f"refine {refine!r} needs a known error of the coarsest mesh, and it was measured "
                 "for uniaxial contraction of solid upright units with weight, without contact; "
                 "take 'always'"
             )
-        for name, value in (("accuracy", accuracy), ("timeout", timeout)):
-            if not (np.isfinite(value) and value > 0):
-                raise InputError(f"{name} = {value!r}; expected a finite number above 0")
-        if space.name != "full":
+        if self.space.name != "full":
             raise InputError(
-                f"the solver needs a whole unit, and space {space.name!r} has only "
-                f"{', '.join(space.names)}; sample with --space full"
+                f"the solver needs a whole unit, and space {self.space.name!r} has only "
+                f"{', '.join(self.space.names)}; sample with --space full"
             )
-        self.space = FULL
-        self.accuracy, self.effects, self.growth = float(accuracy), effects, growth
-        self.question, self.upright, self.timeout = question, bool(upright), float(timeout)
-        self.seed, self.barrier, self.refine = seed, barrier, refine
-        self.strips, self.strip_share = strips, float(strip_share)
-        parts = ["3", growth, effects.replace(",", "+"), f"{accuracy:g}"]
-        parts += ["exists"] * (question == "exists") + ["falls"] * (not upright)
-        parts += [f"noise{seed}"] * (seed is not None) + [f"strips{strips}x{strip_share:g}"] * (
-            strips > 0
-        )
-        parts += [barrier] * (barrier != "surface")
-        parts += [f"{refine}{screening.COARSE_ERROR:g}"] * (refine != "always")
-        self.version = "-".join(parts)
 
     @property
-    def terms(self) -> tuple[str, ...]:
-        """Effects as the solver takes them."""
-        return () if self.effects == "none" else tuple(self.effects.split(","))
+    def timeout(self) -> float:
+        """Seconds after which a label ends by itself."""
+        return self.effort.timeout
 
     @property
-    def heavy(self) -> bool:
-        """Whether weight acts."""
-        return "gravity" in self.terms
+    def version(self) -> str:
+        """Tells all settings apart that may change an answer."""
+        c, effort = self.conditions, self.effort
+        parts = ["3", c.growth, c.effects.replace(",", "+"), f"{effort.accuracy:g}"]
+        parts += ["exists"] * (self.question == "exists") + ["falls"] * (not c.upright)
+        parts += [f"noise{self.seed}"] * (self.seed is not None)
+        parts += [f"strips{c.strips}x{c.strip_share:g}"] * (c.strips > 0)
+        parts += [c.barrier] * (c.barrier != "surface")
+        parts += [f"{effort.refine}{screening.COARSE_ERROR:g}"] * (effort.refine != "always")
+        return "-".join(parts)
 
     def label(self, design: Mapping[str, float]) -> Label:
         """Never raises for a design that can be validated; what fails is an unknown label."""
@@ -166,11 +111,11 @@ class SolverSource:
         coarse = run.settled and self._enough(groups, run)
         if coarse:
             error = screening.COARSE_ERROR
-        for level in () if coarse else range(1, self.plan.finest + 1):
+        for level in () if coarse else range(1, self.effort.plan.finest + 1):
             if not run.settled or time.monotonic() > deadline:
                 break
             size = run.folding.model.scene.size
-            if level > 1 and (run.closed or size > LARGEST[self.plan.finest]):
+            if level > 1 and (run.closed or size > LARGEST[self.effort.plan.finest]):
                 break
             found = self._refined(run, level, deadline)
             if found is None and level > 1:
@@ -186,8 +131,8 @@ class SolverSource:
             run, error = found[0], judging.stated(found[1], level)
             levels += 1
             if (
-                error <= self.accuracy
-                and level + 1 >= self.plan.finest
+                error <= self.effort.accuracy
+                and level + 1 >= self.effort.plan.finest
                 and not self._across(run, level)
             ):
                 break
@@ -196,7 +141,7 @@ class SolverSource:
             run,
             error,
             self.thresholds,
-            accuracy=self.accuracy,
+            accuracy=self.effort.accuracy,
             levels=levels,
             coarse=coarse,
         )
@@ -208,11 +153,6 @@ class SolverSource:
             **({} if error is None else {"error_basis": basis}),
         }
         return run, replace(label, evidence={**label.evidence, **spent})
-
-    @property
-    def plan(self) -> Plan:
-        """Meshes, steps and tolerance for the accuracy."""
-        return next(plan for least, plan in PLANS.items() if self.accuracy >= least)
 
     def _across(self, run: Run, level: int) -> bool:
         """Whether the turning across the hinge decides, and one element is too few to know it."""
@@ -227,7 +167,8 @@ class SolverSource:
 
         try:
             groups = {k: float(v) for k, v in design.items()}
-            return Unit(**groups, strips=self.strips, strip_share=self.strip_share)
+            strips, cover = self.conditions.strips, self.conditions.strip_share
+            return Unit(**groups, strips=strips, strip_share=cover)
         except (TypeError, ValueError) as error:
             raise InputError(f"the design is no folding unit: {error}") from error
 
@@ -258,14 +199,15 @@ class SolverSource:
             history.append(row)
             return bool(self.thresholds.closed(row["m1"], row["m2"]))
 
-        growth = "uniaxial" if self.question == "exists" else self.growth
-        meshing = Meshing(level, self.plan.element, curls=self.growth == "isotropic")
-        physics = Physics(self.terms, growth, barrier=self.barrier)
-        supports = Supports(("x", "y") if self.seed is None else (), self.upright)
+        c = self.conditions
+        growth = "uniaxial" if self.question == "exists" else c.growth
+        meshing = Meshing(level, self.effort.plan.element, curls=c.growth == "isotropic")
+        physics = Physics(c.terms, growth, barrier=c.barrier)
+        supports = Supports(("x", "y") if self.seed is None else (), c.upright)
         watch = Watch(deadline, clock)
         model = build(unit, meshing, physics, supports, watch=watch)
         noise = None if self.seed is None else (1e-3, self.seed)
-        steps = {"rtol": self.plan.tolerance, "turn": self.plan.turn}
+        steps = {"rtol": self.effort.plan.tolerance, "turn": self.effort.plan.turn}
         folding = unit_path.fold(model, stop=closed, noise=noise, on_state=seen, **steps)
         if self.question == "exists" and folding.ending is unit_path.Ending.REACHED:
             before = len(history)
@@ -279,8 +221,8 @@ class SolverSource:
 
     def _enough(self, design: Mapping[str, float], run: Run) -> bool:
         """Whether the path on the coarsest mesh needs no second one."""
-        if self.refine != "near":
-            return self.refine == "never"
+        if self.effort.refine != "near":
+            return self.effort.refine == "never"
         kinds = {h.kind for h in run.folding.happenings}
         return screening.decided(design, run.history[-1], kinds, run.closed, self.thresholds)
 
@@ -297,7 +239,7 @@ class SolverSource:
         if run.closed and len(run.history) < 2:
             return None
         finer = unit_path.refined(
-            folding, level, earlier=run.closed, rtol=self.plan.tolerance, deadline=deadline
+            folding, level, earlier=run.closed, rtol=self.effort.plan.tolerance, deadline=deadline
         )
         if finer is None:
             return None

@@ -74,7 +74,7 @@ def summary(label: Label, run: Run, source: SolverSource) -> dict[str, Any]:
         "rest_gap": e.get("rest_gap"),
         "penetration": e.get("penetration"),
         "effects": list(model.effects),
-        "growth": source.growth,
+        "growth": source.conditions.growth,
         "question": source.question,
         "seconds": e["seconds"],
         "peak_memory_mb": e["peak_memory_mb"],
@@ -146,7 +146,7 @@ def draw(out: Path, label: Label, run: Run, source: SolverSource, *, animate: bo
         load if released else None,
     )  # fmt: skip
     save_figure(figure, out / "angle.png")
-    ground = source.heavy
+    ground = source.conditions.heavy
     titles = [
         _title(row["contraction"], e, ground) for row, e in zip(run.history, load, strict=True)
     ]

@@ -7,7 +7,7 @@ effect, and ``advise`` says which choices were superfluous, and which were missi
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from copy import copy
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -59,11 +59,13 @@ def ablate(label: Label, source: SolverSource) -> list[dict[str, Any]]:
     """The label without each effect that may be left out: angle, change of it and verdict."""
     found = []
     for name, together in GROUPS.items():
-        if name not in source.terms:
+        if name not in source.conditions.terms:
             continue
-        other = copy(source)
-        kept = [t for t in source.terms if t not in together]
-        other.effects = ",".join(kept) or "none"
+        kept = [t for t in source.conditions.terms if t not in together]
+        conditions = replace(source.conditions, effects=",".join(kept) or "none")
+        # Without the effect the error of the coarsest mesh is not known.
+        effort = replace(source.effort, refine="always")
+        other = replace(source, conditions=conditions, effort=effort)
         again = other.label(label.design)
         angle = again.evidence.get("m1")
         have = label.evidence.get("m1")
@@ -89,28 +91,29 @@ def advise(
         return []
     d, e, last = label.design, label.evidence, run.history[-1]
     scale = source.thresholds.scale(e["m1"], last["contraction"])
+    acting, accuracy = source.conditions, source.effort.accuracy
     says = []
     least = lift_off_stiffness(d)
     measured = {row["without"].split(",")[0]: row["change"] for row in without}
-    if source.heavy:
+    if acting.heavy:
         share = weight_turning(d) / d["stiffness_to_weight"] / scale
         how = "at most, of level panels"
         if measured.get("gravity") is not None:
             share, how = abs(measured["gravity"]) / scale, "measured without it"
-        if share < source.accuracy:
+        if share < accuracy:
             says.append(
                 f"gravity is superfluous: it changes the angle by {100 * share:.2g} % ({how}), "
-                f"less than the {100 * source.accuracy:g} % asked for; --effects none is cheaper"
+                f"less than the {100 * accuracy:g} % asked for; --effects none is cheaper"
             )
     else:
-        gamma = weight_turning(d) / scale / source.accuracy
+        gamma = weight_turning(d) / scale / accuracy
         says.append(
             f"weight was left out: it may change the angle by more than "
-            f"{100 * source.accuracy:g} % where Γ < {gamma:.2g}, and keeps rigid panels down "
+            f"{100 * accuracy:g} % where Γ < {gamma:.2g}, and keeps rigid panels down "
             f"where Γ < {least:.2g}; there add --effects gravity,ground"
         )
     ends = run.folding.last.curves[0][[0, -1]]
-    if "contact" not in source.terms and "y" in run.folding.model.mirrors:
+    if "contact" not in acting.terms and "y" in run.folding.model.mirrors:
         crossed = [h for h, s in zip(run.history, run.shapes, strict=False) if _crossed(s)]
         if crossed or ends[1, 1] < 0:
             at = (crossed[0] if crossed else last)["contraction"]
@@ -118,21 +121,21 @@ def advise(
                 f"the panels passed through each other by {100 * at:.3g} % contraction; add "
                 "contact to the effects to stop them there"
             )
-    if "contact" in source.terms and not any(x["kind"] == "contact" for x in e["events"]):
+    if "contact" in acting.terms and not any(x["kind"] == "contact" for x in e["events"]):
         says.append("contact never acted: the panels did not touch; leave it out")
-    if source.question == "from_flat" and source.growth == "isotropic" and e["outcome"] == "curled":
+    if source.question == "from_flat" and acting.growth == "isotropic" and e["outcome"] == "curled":
         says.append(
             "it curls from flat; a folded state may exist all the same: ask with --question exists"
         )
     groups = ("E_ratio", "h_ratio", "slenderness", "hinge_length", "contraction")
     simple = float(fold_angle(*(d[name] for name in groups)))
-    if abs(e["m1"] - simple) < source.accuracy * scale and label.foldable is not None:
+    if abs(e["m1"] - simple) < accuracy * scale and label.foldable is not None:
         says.append(
             f"Timoshenko's formula gives {simple:.3g} rad, within the error asked for: for designs "
             "like this one the source timoshenko would do"
         )
     turn = max(max(abs(h["m1"]), abs(h["hinge"]), h["m2"]) for h in run.history)
-    if turn**2 / 6 < source.accuracy:
+    if turn**2 / 6 < accuracy:
         # sin θ against θ is what a linear theory leaves out.
         says.append(
             f"nothing turns by more than {turn:.2g} rad: small strain and small rotations would do "
@@ -150,7 +153,7 @@ def advise(
         says.append(
             "the unit stayed symmetric and stable in all four classes: a quarter was enough"
         )
-    if source.upright and e.get("topples"):
+    if acting.upright and e.get("topples"):
         says.append("it is held upright, and would topple if let go; --free shows where it lands")
     return says
 

@@ -8,7 +8,7 @@ import pytest
 
 from foldlab.design import REDUCED
 from foldlab.errors import InputError
-from foldlab.settings import build, numbers, read_settings
+from foldlab.settings import build, call, numbers, read_settings
 from foldlab.tables import read_table, write_table
 
 
@@ -61,6 +61,25 @@ def test_build_checks_names_types_and_the_class_itself():
         build(Sizes, {"width": "x"})
     with pytest.raises(InputError, match=r"width = 0; expected at least 1"):
         build(Sizes, {"width": 0})
+
+
+class Box:
+    def __init__(self, sizes: Sizes = Sizes(2), depth: float = 1.0, space=None):
+        self.sizes, self.depth, self.space = sizes, depth, space
+
+
+def test_settings_go_flat_into_the_records_of_a_constructor():
+    made = call(Box, {"rate": 1, "depth": 2}, what="a box", space="s")
+    assert (made.sizes, made.depth, made.space) == (Sizes(rate=1.0), 2.0, "s")
+    assert isinstance(made.sizes.rate, float)
+    # Of a record that nothing is said of, the constructor's own default holds.
+    assert call(Box, {}, what="a box").sizes == Sizes(2)
+    with pytest.raises(InputError, match="a box has no setting 'sizes'; it has: width, rate, name"):
+        call(Box, {"sizes": 1}, what="a box")
+    with pytest.raises(InputError, match="width = 'x'"):
+        call(Box, {"width": "x"}, what="a box")
+    with pytest.raises(InputError, match="width = 0; expected at least 1"):
+        call(Box, {"width": 0}, what="a box")
 
 
 def test_numbers_refuse_text():

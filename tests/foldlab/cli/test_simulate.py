@@ -10,6 +10,7 @@ from PIL import Image
 
 from foldlab.cli import app as cli
 from foldlab.labels import foldability
+from foldlab.labels.asked import Conditions
 from foldlab.labels.solver import SolverSource
 from foldlab.unit import render
 
@@ -170,7 +171,7 @@ def test_where_nothing_renders_the_unit_is_drawn_from_the_side(simulate, tmp_pat
 
 def test_a_folded_state_is_looked_for_on_a_mesh_that_may_curl(tmp_path):
     """The release got displacements of a mesh with fewer nodes, and raised."""
-    source = SolverSource(effects="none", growth="isotropic", question="exists")
+    source = SolverSource(Conditions(effects="none", growth="isotropic"), question="exists")
     run = source.run({**HEAVY, "contraction": 0.05}, 0)
     assert run.settled
     loads = [shape.load for shape in run.shapes]
@@ -184,7 +185,7 @@ def test_a_folded_state_is_looked_for_on_a_mesh_that_may_curl(tmp_path):
 def test_a_unit_that_is_free_topples():
     """It stayed on the symmetric quarter, where nothing tips over."""
     held, free = (
-        SolverSource(upright=upright).run({**HEAVY, "contraction": 0.12}, 0)
+        SolverSource(Conditions(upright=upright)).run({**HEAVY, "contraction": 0.12}, 0)
         for upright in (True, False)
     )
     for run in (held, free):

@@ -7,6 +7,7 @@ from foldlab.datasets import load_dataset
 from foldlab.design import FULL
 from foldlab.errors import InputError
 from foldlab.labels import screening
+from foldlab.labels.asked import Effort
 from foldlab.labels.foldability import Thresholds
 from foldlab.labels.label import storable
 from foldlab.labels.solver import SolverSource, make_source
@@ -23,7 +24,7 @@ E = screening.COARSE_ERROR
 
 
 def labels(design, *modes):
-    found = [SolverSource(refine=mode).label(design) for mode in modes]
+    found = [SolverSource(effort=Effort(refine=mode)).label(design) for mode in modes]
     return [label for label in found if storable(label).foldable == label.foldable]
 
 
@@ -64,7 +65,7 @@ def test_the_bound_covers_the_coarse_mesh_on_designs_of_the_dataset():
     ends = (table["contraction_reached"] / table["contraction"]).round(5) == 1
     table = table[ends & (table["growth"] == "uniaxial") & (table["error_estimate"] < 0.02)]
     rows = table.sample(8, random_state=3).to_dict("records")
-    source, kept, slips = SolverSource(refine="never"), [], []
+    source, kept, slips = SolverSource(effort=Effort(refine="never")), [], []
     for row in rows:
         seen = source.run({name: row[name] for name in FULL.names}, 0).measures
         need = np.pi * row["contraction"]
@@ -125,10 +126,12 @@ def test_thick_sheets_are_refined_for_their_error_was_not_measured():
 
 
 def test_versions_keep_such_labels_apart():
-    versions = {SolverSource(refine=mode).version for mode in ("always", "near", "never")}
+    modes = ("always", "near", "never")
+    versions = {SolverSource(effort=Effort(refine=mode)).version for mode in modes}
     assert len(versions) == 3
     assert SolverSource().version in versions
-    assert f"{E:g}" in SolverSource(refine="near").version  # another bound, another label
+    # Another bound is another label.
+    assert f"{E:g}" in SolverSource(effort=Effort(refine="near")).version
 
 
 @pytest.mark.parametrize(
@@ -142,10 +145,10 @@ def test_versions_keep_such_labels_apart():
 @pytest.mark.parametrize("mode", ["near", "never"])
 def test_where_the_error_was_not_measured_it_is_not_stated(settings, mode):
     with pytest.raises(InputError, match="take 'always'"):
-        SolverSource(refine=mode, **settings)
+        make_source("solver", {"refine": mode, **settings})
 
 
 def test_it_is_a_setting_of_the_source():
-    assert make_source("solver", {"refine": "near"}).refine == "near"
+    assert make_source("solver", {"refine": "near"}).effort.refine == "near"
     with pytest.raises(InputError, match="'near'"):
-        SolverSource(refine="sometimes")
+        SolverSource(effort=Effort(refine="sometimes"))

@@ -9,8 +9,9 @@ import pytest
 from foldlab.design import REDUCED
 from foldlab.errors import InputError
 from foldlab.labels import foldability
+from foldlab.labels.asked import Conditions, Effort
 from foldlab.labels.label import LabelSource, storable
-from foldlab.labels.solver import SolverSource
+from foldlab.labels.solver import SolverSource, make_source
 from foldlab.labels.verdict import CURVE_POINTS
 
 LIGHT = {
@@ -25,11 +26,11 @@ SOFT = LIGHT | {
 
 
 def labelled(design, **settings):
-    label = SolverSource(**settings).label(design)
+    label = make_source("solver", settings).label(design)
     kept = storable(label)
     assert kept.foldable == label.foldable  # nothing in the evidence that a store refuses
     json.dumps(dict(kept.evidence), allow_nan=False)
-    assert (label.source, label.version) == ("solver", SolverSource(**settings).version)
+    assert (label.source, label.version) == ("solver", make_source("solver", settings).version)
     return label
 
 
@@ -58,7 +59,7 @@ def test_a_light_unit_folds():
 
 
 def test_the_error_covers_what_the_next_mesh_changes():
-    source = SolverSource(accuracy=0.1, effects="none")
+    source = SolverSource(Conditions(effects="none"), Effort(accuracy=0.1))
     label = source.label(LIGHT)
     assert label.evidence["levels"] == 2
     finer = source.run(LIGHT, 2).measures["m1"]
@@ -116,7 +117,7 @@ def test_a_fold_that_turns_fully_ends_there():
 def test_a_hinge_that_curls_by_half_a_turn_ends_there():
     # A wide thin hinge that contracts in all directions curls about the other axis.
     wide = LIGHT | {"aspect": 0.5, "hinge_length": 0.2, "slenderness": 0.01, "contraction": 0.4}
-    run = SolverSource(effects="none", growth="isotropic").run(wide, 0)
+    run = SolverSource(Conditions(effects="none", growth="isotropic")).run(wide, 0)
     assert run.closed and run.settled
     assert run.measures["m2"] >= np.pi > run.history[-2]["m2"]
     assert run.measures["m1"] < 1 and run.folding.last.e < 1
@@ -130,25 +131,26 @@ def test_where_turning_across_the_hinge_decides_two_elements_across_tell_it(
     across, m1, levels, monkeypatch
 ):
     """Meshes 0 and 1 have one element across; m2 errs by up to a fifth of |g|π on them."""
-    source = SolverSource(accuracy=0.1, effects="none")
+    source = SolverSource(Conditions(effects="none"), Effort(accuracy=0.1))
     run = source.run(LIGHT, 0)
     need = np.pi * LIGHT["contraction"]
     run.history[-1] |= {"m1": m1 * need, "m2": across * need}
-    monkeypatch.setattr(source, "run", lambda *args, **limits: run)
-    monkeypatch.setattr(source, "_refined", lambda run, level, deadline: (run, 1e-6))
+    monkeypatch.setattr(SolverSource, "run", lambda *args, **limits: run)
+    monkeypatch.setattr(SolverSource, "_refined", lambda self, run, level, deadline: (run, 1e-6))
     assert source.label(LIGHT).evidence["levels"] == levels
 
 
 def test_a_fold_can_exist_where_the_hinge_contracts_in_all_directions():
     # Little contraction of a narrow hinge: the fold survives the release, and fewer mesh.
     design = LIGHT | {"contraction": 0.05, "aspect": 0.05, "slenderness": 0.01}
-    source = SolverSource(growth="isotropic", question="exists", effects="none", accuracy=0.1)
+    conditions = Conditions(growth="isotropic", effects="none")
+    source = SolverSource(conditions, Effort(accuracy=0.1), question="exists")
     run = source.run(design, 0)
     assert run.settled and run.history[-1]["unstable"] == 0
     contractions = [row["contraction"] for row in run.history]
     assert contractions[0] == 0 and contractions[-1] == 0.05
     # First it folds as under uniaxial contraction, then it is released at the full contraction.
-    first = SolverSource(effects="none").run(design, 0)
+    first = SolverSource(Conditions(effects="none")).run(design, 0)
     released = contractions.index(0.05)
     assert run.history[released]["m1"] == pytest.approx(first.measures["m1"], rel=0.02)
     assert contractions.count(0.05) > 2
@@ -156,7 +158,7 @@ def test_a_fold_can_exist_where_the_hinge_contracts_in_all_directions():
 
 
 def test_a_source_travels_to_other_processes():
-    source = SolverSource(accuracy=0.05, growth="isotropic", timeout=9)
+    source = SolverSource(Conditions(growth="isotropic"), Effort(accuracy=0.05, timeout=9))
     assert isinstance(source, LabelSource)
     there = pickle.loads(pickle.dumps(source))
     assert vars(there) == vars(source)
@@ -167,7 +169,7 @@ def test_versions_tell_settings_apart():
         {}, {"accuracy": 0.05}, {"effects": "none"}, {"growth": "isotropic"}, {"upright": False},
         {"growth": "isotropic", "question": "exists"}, {"seed": 1}, {"seed": 2},
     ]  # fmt: skip
-    assert len({SolverSource(**o).version for o in options}) == len(options)
+    assert len({make_source("solver", o).version for o in options}) == len(options)
 
 
 @pytest.mark.parametrize(
@@ -185,7 +187,7 @@ def test_versions_tell_settings_apart():
 )
 def test_settings_that_make_no_sense_are_refused(settings, says):
     with pytest.raises(InputError, match=says):
-        SolverSource(**settings)
+        make_source("solver", settings)
 
 
 def test_a_design_that_is_no_unit_is_refused():

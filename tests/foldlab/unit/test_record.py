@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from foldlab.labels.asked import Conditions, Effort
 from foldlab.labels.solver import SolverSource
 from foldlab.unit import plots, record, render
 
@@ -12,7 +13,7 @@ DESIGN = {
 
 
 def test_shapes_are_of_the_flat_the_half_folded_and_the_last_state(tmp_path, monkeypatch):
-    source = SolverSource(accuracy=0.05, effects="none")
+    source = SolverSource(Conditions(effects="none"), Effort(accuracy=0.05))
     run, label = source.follow(DESIGN)
     asked, shown = [], []
     monkeypatch.setattr(render, "render", lambda request, folder: asked.append(request))

@@ -1,7 +1,6 @@
 """What a label will cost, what each effect contributed, and the advice that follows."""
 
 import time
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -9,9 +8,9 @@ import pytest
 from foldlab.datasets import load_dataset
 from foldlab.design import FULL
 from foldlab.labels import forecast
-from foldlab.labels.foldability import Thresholds
+from foldlab.labels.asked import Conditions, Effort
 from foldlab.labels.label import Label
-from foldlab.labels.solver import SolverSource
+from foldlab.labels.solver import SolverSource, make_source
 from foldlab.labels.timoshenko import weight_turning
 from foldlab.labels.verdict import FLOOR
 from foldlab.unit import why
@@ -30,7 +29,7 @@ DESIGN = {
 
 @pytest.fixture(scope="module")
 def heavy():
-    source, clock = SolverSource(accuracy=0.05), {}
+    source, clock = SolverSource(effort=Effort(accuracy=0.05)), {}
     run, label = source.follow(DESIGN, clock)
     return source, run, label, clock
 
@@ -59,7 +58,7 @@ def test_the_forecast_is_the_median_of_like_labels(monkeypatch):
 def test_the_forecast_follows_accuracy_and_machine(monkeypatch):
     monkeypatch.setattr(forecast, "pace", lambda: 1.0)
     base = forecast.forecast(DESIGN, SolverSource())
-    fine = forecast.forecast(DESIGN, SolverSource(accuracy=0.005))
+    fine = forecast.forecast(DESIGN, SolverSource(effort=Effort(accuracy=0.005)))
     assert fine.seconds > 1.5 * base.seconds and fine.memory_mb > base.memory_mb + 50
     monkeypatch.setattr(forecast, "pace", lambda: 2.0)
     slow = forecast.forecast(DESIGN, SolverSource())
@@ -68,9 +67,9 @@ def test_the_forecast_follows_accuracy_and_machine(monkeypatch):
 
 
 def test_no_forecast_where_no_like_labels_are():
-    assert forecast.forecast(DESIGN, SolverSource(strips=3)) is None
+    assert forecast.forecast(DESIGN, SolverSource(Conditions(strips=3))) is None
     assert forecast.forecast(DESIGN, SolverSource(seed=1)) is None
-    released = SolverSource(growth="isotropic", question="exists")
+    released = SolverSource(Conditions(growth="isotropic"), question="exists")
     assert forecast.forecast(DESIGN, released) is None
 
 
@@ -78,8 +77,10 @@ def test_no_forecast_where_no_like_labels_are():
 
 
 def test_a_finer_accuracy_takes_finer_meshes():
-    found = {a: SolverSource(accuracy=a, effects="none").label(DESIGN) for a in (0.05, 0.005)}
-    coarse, fine = found[0.05].evidence, found[0.005].evidence
+    coarse, fine = (
+        SolverSource(Conditions(effects="none"), Effort(accuracy)).label(DESIGN).evidence
+        for accuracy in (0.05, 0.005)
+    )
     assert fine["levels"] > coarse["levels"] and fine["unknowns"] > 2 * coarse["unknowns"]
     assert FLOOR[3] <= fine["error_estimate"] < min(0.005, coarse["error_estimate"])
     # Problem P: two independent codes agree on 3.772 within 0.1 %.
@@ -94,9 +95,9 @@ def test_meshes_that_agree_by_chance_make_no_small_error_and_no_fine_label():
         "h_ratio": 0.6798, "stiffness_to_weight": 0.2411, "aspect": 0.8363, "slenderness": 0.02049,
         "contraction": 0.1616,
     }  # fmt: skip
-    coarse = SolverSource(accuracy=0.02).label(groups).evidence
+    coarse = SolverSource(effort=Effort(accuracy=0.02)).label(groups).evidence
     assert coarse["levels"] == 2 and coarse["error_estimate"] == FLOOR[1]
-    fine = SolverSource(accuracy=0.005).label(groups).evidence
+    fine = SolverSource(effort=Effort(accuracy=0.005)).label(groups).evidence
     assert fine["levels"] > 2 and fine["error_estimate"] >= FLOOR[3]
     assert fine["unknowns"] > 2 * coarse["unknowns"]
 
@@ -133,24 +134,24 @@ def test_the_watch_counts_and_is_absent_unless_asked_for(monkeypatch):
 
 
 def test_ablation_labels_again_without_each_effect():
-    source = SolverSource(effects="gravity,ground,contact", accuracy=0.05)
+    source = SolverSource(Conditions(effects="gravity,ground,contact"), Effort(accuracy=0.05))
     label = source.label(DESIGN)
     rows = {row["without"]: row for row in why.ablate(label, source)}
     assert set(rows) == {"gravity,ground", "contact"}
-    bare = SolverSource(effects="contact", accuracy=0.05).label(DESIGN)
+    bare = SolverSource(Conditions(effects="contact"), Effort(accuracy=0.05)).label(DESIGN)
     found = rows["gravity,ground"]
     assert found["fold_angle"] == bare.evidence["m1"]
     assert found["change"] == pytest.approx(bare.evidence["m1"] - label.evidence["m1"])
     # Panels that pass through each other turn by half a radian more.
     assert rows["contact"]["change"] > 0.4
-    assert source.effects == "gravity,ground,contact"
+    assert source.conditions.effects == "gravity,ground,contact"
 
 
 # -- advice --------------------------------------------------------------------------------------
 
 
 def advice(**options):
-    source = SolverSource(accuracy=0.05, **options)
+    source = make_source("solver", {"accuracy": 0.05, **options})
     design = options.pop("design", DESIGN)
     run, label = source.follow(design)
     return why.advise(label, run, source)
@@ -167,7 +168,7 @@ def test_weight_that_changes_nothing_is_called_superfluous(heavy):
     run, label = source.follow(light)
     assert says(why.advise(label, run, source), "gravity is superfluous")
     # The bound that the advice rests on holds here: with and without differ by less.
-    bare = SolverSource(accuracy=0.05, effects="none").label(light)
+    bare = SolverSource(Conditions(effects="none"), Effort(accuracy=0.05)).label(light)
     off = abs(bare.evidence["m1"] - label.evidence["m1"])
     assert off < weight_turning(light) / 50.0 + 2 * 0.01 * bare.evidence["m1"]
     # Measured, it is the measurement that counts.
@@ -180,7 +181,7 @@ def test_left_out_weight_contact_and_simpler_models_are_named():
     assert says(found, "weight was left out")
     assert says(found, "the panels passed through each other")
     assert says(found, "a quarter was enough")
-    source = SolverSource(accuracy=0.05, effects="contact")
+    source = SolverSource(Conditions(effects="contact"), Effort(accuracy=0.05))
     run, label = source.follow({**DESIGN, "contraction": 0.05})
     assert says(why.advise(label, run, source), "contact never acted")
     assert says(why.advise(label, run, source), "Timoshenko's formula gives 0.606")
@@ -191,10 +192,7 @@ def test_left_out_weight_contact_and_simpler_models_are_named():
 
 def test_a_curled_unit_is_told_to_ask_for_a_folded_state(heavy):
     _, run, label, _ = heavy
-    source = SimpleNamespace(
-        terms=("gravity", "ground"), heavy=True, accuracy=0.05, question="from_flat",
-        growth="isotropic", upright=True, thresholds=Thresholds(),
-    )  # fmt: skip
+    source = SolverSource(Conditions(growth="isotropic"), Effort(0.05))
     events = [{"kind": "twisting", "contraction": 0.1}]
     evidence = {**label.evidence, "outcome": "curled", "events": events}
     curled = Label(label.design, False, "curled", evidence, "solver", "1")
@@ -208,7 +206,7 @@ def test_weight_turning_is_the_beam_theory_of_a_light_unit():
     # contraction so small that the panels stay nearly level and touch the ground nowhere else.
     d = {**DESIGN, "contraction": 0.02, "stiffness_to_weight": 20.0}
     angles = [
-        SolverSource(accuracy=0.05, effects=e).label(d).evidence["m1"]
+        SolverSource(Conditions(effects=e), Effort(accuracy=0.05)).label(d).evidence["m1"]
         for e in ("none", "gravity,ground")
     ]
     expected = weight_turning(d) / d["stiffness_to_weight"]

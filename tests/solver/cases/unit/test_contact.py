@@ -8,6 +8,7 @@ from folding_units import P
 from proofs import BODIES, ELEMENTS, prove, state
 from scipy.optimize import brentq
 
+from foldlab.labels.asked import Conditions, Effort
 from foldlab.labels.solver import SolverSource
 from solver.cases.unit.choices import Meshing, Physics, Supports
 from solver.cases.unit.model import build
@@ -167,7 +168,7 @@ def test_a_unit_that_loses_the_plane_ends_with_that_reason(monkeypatch):
 
 def test_the_label_names_the_event():
     design = {name: getattr(P, name) for name in SolverSource().space.names}
-    label = SolverSource(effects="contact", timeout=30).label(design)
+    label = SolverSource(Conditions(effects="contact"), Effort(timeout=30)).label(design)
     at = [e["contraction"] for e in label.evidence["events"] if e["kind"] == "contact"]
     assert label.foldable and len(at) == 1 and 0.25 < at[0] < 0.29
     assert label.evidence["m1"] < 3.4 and label.evidence["error_estimate"] < 0.02

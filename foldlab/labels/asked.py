@@ -1,0 +1,100 @@
+"""What may be asked of a label from the solver, as frozen records: what acts, and what effort."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+from foldlab.errors import InputError
+
+EFFECTS = ("gravity,ground", "gravity,ground,contact", "contact", "none")
+
+
+@dataclass(frozen=True)
+class Plan:
+    """What an asked accuracy chooses: the finest of the meshes 0, 1, …, rad that the fold turns by
+    in a step, and the tolerance of Newton's method."""
+
+    finest: int
+    turn: float = 0.5
+    tolerance: float = 1e-6
+    element: str = "hex27"
+
+
+# By the accuracy from which on they hold. Below 0.01 the path's mesh counts for nothing, and the
+# error is that of two finer ones. Longer steps and looser tolerances save little: on 14 designs the
+# median was 1.6, 1.5 and 2.1 core-seconds at 0.5 rad and 1e-6, 0.7 and 1e-5, 1.0 and 1e-4.
+PLANS = {0.01: Plan(2), 0.0: Plan(3)}
+
+
+@dataclass(frozen=True)
+class Conditions:
+    """What acts on a unit, how its active layer contracts and is patterned, and what holds it.
+
+    ``effects``: one of :data:`EFFECTS`; "contact" is that of the panels with each other.
+    ``upright``: whether the unit is held against toppling. ``strips``: active strips side by side
+    along the hinge that cover ``strip_share`` of its width (0: a solid layer). ``barrier``: the
+    ground's, "surface" or the dissertation's "exponential" (Eq. 4.5). Raises :class:`InputError`
+    for names that are not there.
+    """
+
+    effects: str = "gravity,ground"
+    growth: Literal["uniaxial", "isotropic"] = "uniaxial"
+    upright: bool = True
+    strips: int = 0
+    strip_share: float = 0.5
+    barrier: Literal["surface", "exponential"] = "surface"
+
+    def __post_init__(self):
+        if self.growth not in ("uniaxial", "isotropic"):
+            raise InputError(f"growth {self.growth!r}; expected 'uniaxial' or 'isotropic'")
+        if self.effects not in EFFECTS:
+            raise InputError(
+                f"effects {self.effects!r}; expected one of {', '.join(map(repr, EFFECTS))}: "
+                "weight and ground come together"
+            )
+        if self.barrier not in ("surface", "exponential"):
+            raise InputError(f"barrier {self.barrier!r}; expected 'surface' or 'exponential'")
+
+    @property
+    def terms(self) -> tuple[str, ...]:
+        """Effects as the solver takes them."""
+        return () if self.effects == "none" else tuple(self.effects.split(","))
+
+    @property
+    def heavy(self) -> bool:
+        """Whether weight acts."""
+        return "gravity" in self.terms
+
+
+@dataclass(frozen=True)
+class Effort:
+    """How well a label is to be known, and what that may take.
+
+    ``accuracy``: error that is asked for, of the fold angle and of the turning across the hinge,
+    relative to the angle or to what counts as folded (|g|π), whichever is larger; meshes are
+    refined until two of them agree so well, at most to the third, below 0.01 to the fourth.
+    ``timeout``: seconds per label, after which it is unknown. ``refine``: "always"; "near" a
+    threshold only and where the coarsest path is in doubt, see :mod:`foldlab.labels.screening`; or
+    "never". What is not refined states an error that was calibrated on other designs. Raises
+    :class:`InputError` for other values.
+    """
+
+    accuracy: float = 0.02
+    timeout: float = 60.0
+    refine: Literal["always", "near", "never"] = "always"
+
+    def __post_init__(self):
+        for name in ("accuracy", "timeout"):
+            value = getattr(self, name)
+            if not (np.isfinite(value) and value > 0):
+                raise InputError(f"{name} = {value!r}; expected a finite number above 0")
+        if self.refine not in ("always", "near", "never"):
+            raise InputError(f"refine {self.refine!r}; expected 'always', 'near' or 'never'")
+
+    @property
+    def plan(self) -> Plan:
+        """Meshes, steps and tolerance for the accuracy."""
+        return next(plan for least, plan in PLANS.items() if self.accuracy >= least)
