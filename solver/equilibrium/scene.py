@@ -13,15 +13,15 @@ Continuation sees x, e and R, and never learns what e drives.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from copy import copy
 from dataclasses import dataclass
 
 import numpy as np
 
-from solver.equilibrium.linear import Factor, ScaledFactor, make_solver
+from solver.equilibrium.linear import Factor
+from solver.equilibrium.pattern import Frame
 from solver.mesh.body import Body, NodeGraph
 from solver.physics.fields import Unphysical
-from solver.physics.supports import Fixed, Held, Row, rotation_row, translation_row
+from solver.physics.supports import Fixed, Row, rotation_row, translation_row
 from solver.physics.term import Evaluation, Term
 
 __all__ = [
@@ -86,34 +86,26 @@ class Scene:
         rows: Sequence[Row] = (),
         scales: Scales | None = None,
         linear: str = "auto",
+        frame: Frame | None = None,
     ):
-        """Raises ValueError for contradictory supports, or no term with stiffness."""
+        """``frame``: instead of ``fixed``, ``rows`` and ``linear``, another scene's.
+
+        Raises ValueError for contradictory supports, or no term with stiffness.
+        """
         self.body = body
         self.terms = tuple(terms)
-        self.rows = tuple(rows)
         if not any(term.graph is not None for term in self.terms):
             raise ValueError("no term has a stiffness; add an Elastic term to the scene")
-        self.symmetric = all(term.symmetric for term in self.terms)
+        self.frame = frame or Frame(body, self.terms, fixed, rows, linear)
+        self.rows, self.symmetric = self.frame.rows, self.frame.symmetric
+        self.graph, self.diagonal = self.frame.pattern.graph, self.frame.pattern.diagonal
+        self.solver = self.frame.solver
         self.n_nodes = len(body.nodes)
-        self._held = Held(self.n_nodes, fixed)
+        self._held, self._C = self.frame.held, self.frame.C
         self.n_free = len(self._held.index)
         self.n_rows = len(self.rows)
         self.size = self.n_free + self.n_rows
-        local = [self._held.to_local(r.coefficients).ravel() for r in self.rows]
-        self._C = np.array(local).reshape(self.n_rows, 3 * self.n_nodes)
-        self._graph()
-        self._matrix()
-        if linear == "cg" and self.rows:
-            raise ValueError("conjugate gradients can't take constraint rows; use a direct method")
-        self.solver = make_solver(
-            self._indptr,
-            self._indices,
-            symmetric=self.symmetric,
-            method=linear,
-            bordered=bool(self.rows),
-            modes=self._rigid_modes() if linear == "cg" else None,
-        )
-        self._row_scale: np.ndarray | None = None
+        self._where = [self.frame.places(term.graph) for term in self.terms]
         self.scales = scales or Scales(body.length, *self._natural_scales())
 
     def with_terms(self, terms: Sequence[Term]) -> Scene:
@@ -122,20 +114,13 @@ class Scene:
         So a step in time swaps a term for its successor. Raises ValueError where they bring pairs
         of nodes that share no block here, or a stiffness that is not symmetric into one that is.
         """
-        terms = tuple(terms)
         if self.symmetric and not all(term.symmetric for term in terms):
             raise ValueError("a term's stiffness is not symmetric and this scene's is; build anew")
-        known = {id(t.graph): where for t, where in zip(self.terms, self._where, strict=True)}
-        new = [t.graph for t in terms if t.graph not in (None, self.graph)]
-        new = [g for g in new if id(g) not in known]
+        known = {id(term.graph) for term in self.terms}
+        new = [t.graph for t in terms if t.graph is not None and id(t.graph) not in known]
         if any(NodeGraph.union([self.graph, g]).blocks > self.graph.blocks for g in new):
             raise ValueError("a term couples nodes that share no block here; build the scene anew")
-        other = copy(self)
-        other.terms = terms
-        known |= {id(None): None, id(self.graph): None}
-        known |= {id(g): self.graph.find(g) for g in new}
-        other._where = [known[id(t.graph)] for t in terms]
-        return other
+        return Scene(self.body, terms, scales=self.scales, frame=self.frame)
 
     # -- what is held ----------------------------------------------------------------------------
 
@@ -162,11 +147,8 @@ class Scene:
     def refuse_free_motion(self, x: np.ndarray, e: float) -> None:
         """Raises ValueError if the body can be moved rigidly without any resistance at (x, e).
 
-        A term with a barrier (``longest_step``) may hold the body later, so such scenes pass, and
-        so do stand-ins for a body, whose nodes are no solid.
+        A term with a barrier (``longest_step``) may hold the body later, so such scenes pass.
         """
-        if not isinstance(self.body, Body):
-            return
         u = self.displacement(x, e)
         stiffness = self.evaluate(u, e, 2).stiffness
         if stiffness is None or any(hasattr(term, "longest_step") for term in self.terms):
@@ -256,13 +238,13 @@ class Scene:
         if part.force is None:
             return None
         R = self._residual(part.force, u, x, e)
-        return System(self, R, self._gather(part.stiffness), part.energy)
+        return System(self, R, self.frame.pattern.gather(part.stiffness), part.energy)
 
     def system_of(self, stiffness: np.ndarray) -> System:
         """A tangent given by its blocks on this scene's graph, such as that of a state which these
         supports don't hold: so the stability of a symmetric state is judged under others. Its
         residual is 0."""
-        return System(self, np.zeros(self.size), self._gather(stiffness))
+        return System(self, np.zeros(self.size), self.frame.pattern.gather(stiffness))
 
     def load_rate(self, x: np.ndarray, e: float, step: float = 1e-6) -> np.ndarray | None:
         """∂R/∂e by central differences of the force; None where not admissible."""
@@ -290,104 +272,7 @@ class Scene:
 
     def factorised(self, values: np.ndarray) -> Factor:
         """The factor of a matrix on this scene's pattern."""
-        if not self.n_rows:
-            return self.solver.factorise(values)
-        # Rows of size 1 beside a stiffness of 1e7 leave pivots that PARDISO takes for zero.
-        if self._row_scale is None:
-            typical = np.median(np.abs(values[self.diagonal]))
-            self._row_scale = np.ones(self.size)
-            self._row_scale[self.n_free :] = typical / np.abs(self._C).max(axis=1)
-            a = np.repeat(np.arange(self.size), np.diff(self._indptr))
-            self._entry_scale = self._row_scale[a] * self._row_scale[self._indices]
-        return ScaledFactor(self.solver.factorise(values * self._entry_scale), self._row_scale)
-
-    # -- sparsity --------------------------------------------------------------------------------
-
-    def _graph(self) -> None:
-        graphs = [term.graph for term in self.terms if term.graph is not None]
-        self.graph = graphs[0]
-        if any(g is not self.graph for g in graphs):
-            self.graph = NodeGraph.union(graphs)
-        self._where = [
-            None if t.graph is None or t.graph is self.graph else self.graph.find(t.graph)
-            for t in self.terms
-        ]
-
-    def _matrix(self) -> None:
-        """Where each entry of the matrix (upper triangle if symmetric) comes from."""
-        g, n_free = self.graph, self.n_free
-        number = np.full(3 * self.n_nodes, -1)
-        number[self._held.index] = np.arange(n_free)
-        a = np.repeat(np.arange(g.n), np.diff(g.indptr))
-        b = g.indices.astype(np.int64)
-        rows = number[(3 * a[:, None] + np.arange(3))][:, :, None]
-        cols = number[(3 * b[:, None] + np.arange(3))][:, None, :]
-        rows, cols = (m.ravel() for m in np.broadcast_arrays(rows, cols))
-        keep = (rows >= 0) & (cols >= 0)
-        if self.symmetric:
-            keep &= rows <= cols
-        source = np.flatnonzero(keep)
-        rows, cols = rows[source], cols[source]
-        if self.n_rows:
-            C = self._C[:, self._held.index]
-            k, j = np.nonzero(C)
-            self._row_values = C[k, j]
-            lower = np.arange(n_free, self.size)
-            extra_rows, extra_cols = [j, lower], [n_free + k, lower]
-            extra = [np.arange(len(k)), np.full(self.n_rows, -1)]
-            if not self.symmetric:
-                extra_rows.append(n_free + k)
-                extra_cols.append(j)
-                extra.append(np.arange(len(k)))
-            self._constant = np.concatenate(extra)
-            rows = np.concatenate([rows, *extra_rows])
-            cols = np.concatenate([cols, *extra_cols])
-        order = np.lexsort((cols, rows))
-        self._source, self._order = source, order
-        counts = np.bincount(rows, minlength=self.size)
-        self._indptr = np.concatenate([[0], np.cumsum(counts)])
-        self._indices = cols[order].astype(np.int32)
-        self.diagonal = np.flatnonzero((rows == cols)[order])[:n_free]
-        if self.n_rows:
-            tail = np.append(self._row_values, 0.0)[self._constant]
-            self._tail = tail
-        else:
-            self._tail = np.zeros(0)
-        # One gather does the selection and the order together.
-        position = np.concatenate([source, 9 * g.blocks + np.arange(len(self._tail))])
-        self._gather_index = position[order]
-
-    def _gather(self, blocks: np.ndarray) -> np.ndarray:
-        if len(self._held.turned):
-            blocks = self._turn(blocks)
-        flat = blocks.reshape(-1)
-        if len(self._tail):
-            flat = np.concatenate([flat, self._tail])
-        return flat[self._gather_index]
-
-    def _turn(self, blocks: np.ndarray) -> np.ndarray:
-        g = self.graph
-        a = np.repeat(np.arange(g.n), np.diff(g.indptr))
-        turned = np.zeros(g.n, bool)
-        turned[self._held.turned] = True
-        hit = np.flatnonzero(turned[a] | turned[g.indices])
-        out = blocks.copy()
-        out[hit] = np.einsum(
-            "nji,njk,nkl->nil",
-            self._held.frames[a[hit]],
-            blocks[hit],
-            self._held.frames[g.indices[hit]],
-        )
-        return out
-
-    def _rigid_modes(self) -> np.ndarray:
-        """Translations and rotations in the free unknowns, (n_free, 6)."""
-        arm = (self.body.nodes - self.body.nodes.mean(axis=0)) / self.body.length
-        modes = [np.broadcast_to(axis, arm.shape) for axis in np.eye(3)]
-        modes += [np.cross(axis, arm) for axis in np.eye(3)]
-        return np.column_stack(
-            [self._held.to_local(m.copy()).ravel()[self._held.index] for m in modes]
-        )
+        return self.frame.factorise(values)
 
     def _natural_scales(self) -> tuple[float, float]:
         """Force and energy of a unit mean stretch: from the stiffness of the undeformed state."""

@@ -123,8 +123,8 @@ def test_a_weightless_unit_is_the_scene_that_never_heard_of_weight():
     scene = model.scene
     assert scene.terms == model.terms and scene.graph is body.graph
     assert (scene.size, scene.n_free, scene.n_rows) == (alone.size, alone.n_free, 0)
-    assert np.array_equal(scene._indptr, alone._indptr)
-    assert np.array_equal(scene._indices, alone._indices)
+    assert np.array_equal(scene.frame.pattern.indptr, alone.frame.pattern.indptr)
+    assert np.array_equal(scene.frame.pattern.indices, alone.frame.pattern.indices)
     assert scene._where == [None]
     x = 1e-3 * np.random.default_rng(0).standard_normal(scene.size)
     assert scene.energy(x, 0.5) == alone.energy(x, 0.5)
@@ -179,10 +179,10 @@ def test_a_scene_without_rows_is_factorised_without_a_border(monkeypatch):
     held_ = held(body, 2, 0.0, 0, 1, 2)
     free = Scene(body, [solid], fixed=held_)
     free.system(np.zeros(free.size), 0.0).factorise()
-    assert free.size == free.n_free and free._row_scale is None
+    assert free.size == free.n_free and free.frame._row_scale is None
     rowed = Scene(body, [solid], fixed=held(body, 2, 0.0, 0, 2), rows=[translation_row(body, 1)])
     rowed.system(np.zeros(rowed.size), 0.0).factorise()
-    assert rowed.size == rowed.n_free + 1 and rowed._row_scale is not None
+    assert rowed.size == rowed.n_free + 1 and rowed.frame._row_scale is not None
     assert seen in ([False, True], [])  # [] where PARDISO is not installed
 
 

@@ -18,6 +18,13 @@ class Nodes:
     length: float
 
 
+class ToyScene(Scene):
+    """A scene of nodes that are no solid: that they move rigidly without resistance is meant."""
+
+    def refuse_free_motion(self, x, e):
+        pass
+
+
 class Bars:
     """Bars of engineering strain: energy Σ EA L/2 (l/L − 1)²."""
 
@@ -89,7 +96,7 @@ class Function:
 def function_scene(n, energy, gradient, hessian, symmetric=True):
     body = Nodes(np.arange(3.0 * n).reshape(n, 3), 1.0)
     everything = np.arange(n)
-    return Scene(
+    return ToyScene(
         body,
         [Function(n, energy, gradient, hessian, symmetric)],
         fixed=[Fixed(everything, (0, 1, 0)), Fixed(everything, (0, 0, 1))],
@@ -104,7 +111,7 @@ def truss(rise=0.1):
     P[1, 1] = -2.0
     ends, crown = np.array([0, 2]), np.array([1])
     fixed = [Fixed(ends, d) for d in np.eye(3)] + [Fixed(crown, d) for d in np.eye(3)[[0, 2]]]
-    return Scene(Nodes(X, 2.0), [Bars(X, [[0, 1], [1, 2]], 1.0), Pull(P)], fixed=fixed)
+    return ToyScene(Nodes(X, 2.0), [Bars(X, [[0, 1], [1, 2]], 1.0), Pull(P)], fixed=fixed)
 
 
 def truss_load(w, rise=0.1):
@@ -120,7 +127,7 @@ def truss_on_spring(stiffness, rise=0.1):
     ends, sliders = np.array([0, 2]), np.array([1, 3])
     fixed = [Fixed(ends, d) for d in np.eye(3)] + [Fixed(sliders, d) for d in np.eye(3)[[0, 2]]]
     fixed.append(Fixed(np.array([3]), (0, 1, 0), lambda e: -e))
-    return Scene(Nodes(X, 2.0), [Bars(X, [[0, 1], [1, 2], [1, 3]], EA)], fixed=fixed)
+    return ToyScene(Nodes(X, 2.0), [Bars(X, [[0, 1], [1, 2], [1, 3]], EA)], fixed=fixed)
 
 
 def column(*stiffness, cubic=0.0, quintic=0.0):

@@ -251,9 +251,3 @@ def test_lift_off_is_where_the_closed_form_has_it():
     beta = weight * ((1 - l_i) / 2) ** 2 * l_i / (4 * B)
     assert beta == pytest.approx(0.75 * g / h * l_i / 2)
     assert lift_off_stiffness(d | {"contraction": 0.0}) == np.inf
-
-
-def test_errors_of_the_angle_are_relative_to_the_need_where_hardly_anything_turns():
-    limits = Thresholds()
-    assert limits.scale(1e-6, 0.3) == limits.angle(0.3)
-    assert limits.scale(-4.0, 0.3) == 4.0

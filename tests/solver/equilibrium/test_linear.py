@@ -66,7 +66,7 @@ def test_a_tangent_without_stiffness_is_singular():
     flat = function_scene(
         1, lambda q, e: -q[0], lambda q, e: np.array([-1.0]), lambda q, e: np.zeros((1, 1))
     )
-    flat.solver = make_solver([0, 1], [0], symmetric=True, method="superlu")
+    flat.frame.solver = make_solver([0, 1], [0], symmetric=True, method="superlu")
     result = newton(flat, np.zeros(1), 0.0, rtol=1e-9)
     assert result.outcome is Outcome.SINGULAR
     assert not result.converged and result.iterations == 1

@@ -107,8 +107,7 @@ def test_barriers_shorten_the_step():
         lambda q, e: q**3 - 1,
         lambda q, e: np.array([[3 * q[0] ** 2]]),
     )
-    scene.terms = (*scene.terms, Wall())
-    scene._where = [*scene._where, None]
+    scene = scene.with_terms((*scene.terms, Wall()))
     tried = []
     old = scene.evaluate
     scene.evaluate = lambda u, e, order=2: (tried.append(u[0, 0]), old(u, e, order))[1]
@@ -125,7 +124,7 @@ def test_bad_input_is_refused_in_words():
     with pytest.raises(ValueError, match="rtol = 0"):
         newton(scene, np.zeros(1), 0.0, rtol=0)
     blind = truss()
-    blind.solver = make_solver(np.array([0, 1]), np.array([0]), symmetric=False)
+    blind.frame.solver = make_solver(np.array([0, 1]), np.array([0]), symmetric=False)
     with pytest.raises(ValueError, match="count negative pivots"):
         descend(blind, np.zeros(1), 1e-4, rtol=1e-9)
     with pytest.raises(ValueError, match="needs an energy"):

@@ -97,7 +97,8 @@ def dense(scene, x, e):
 
 def matrix(scene, system):
     n = scene.size
-    m = sp.csr_array((system.values, scene._indices, scene._indptr), shape=(n, n)).toarray()
+    at = scene.frame.pattern
+    m = sp.csr_array((system.values, at.indices, at.indptr), shape=(n, n)).toarray()
     return m + np.triu(m, 1).T if scene.symmetric else m
 
 

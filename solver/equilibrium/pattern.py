@@ -1,0 +1,176 @@
+"""Where the entries of a scene's matrix stand and come from, found once per scene.
+
+The matrix is the stiffness of the free components bordered by the constraint rows,
+
+    [ K  Cᵀ ]
+    [ C  0  ]
+
+its upper triangle only if it is symmetric.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from solver.equilibrium.linear import Factor, ScaledFactor, make_solver
+from solver.mesh.body import Body, NodeGraph
+from solver.physics.supports import Fixed, Held, Row
+from solver.physics.term import Term
+
+
+@dataclass(frozen=True, eq=False)
+class Pattern:
+    """Compressed rows of the matrix, and how block values get there.
+
+    ``graph``: blocks of the stiffness; ``indptr`` (size + 1,), ``indices`` (entries,); ``diagonal``
+    (n_free,): entries that stand on it; ``held``: supports, whose turned nodes turn their blocks.
+    ``index`` (entries,): for each entry its place in the blocks (flat) followed by ``tail``, the
+    values of the rows.
+    """
+
+    graph: NodeGraph
+    held: Held
+    indptr: np.ndarray
+    indices: np.ndarray
+    diagonal: np.ndarray
+    index: np.ndarray
+    tail: np.ndarray
+
+    @classmethod
+    def of(cls, graph: NodeGraph, held: Held, C: np.ndarray, symmetric: bool) -> Pattern:
+        """The pattern for blocks on a graph and rows C (rows, 3 nodes) in the nodes' frames."""
+        n_free, n_rows = len(held.index), len(C)
+        size = n_free + n_rows
+        number = np.full(C.shape[1], -1)
+        number[held.index] = np.arange(n_free)
+        a = np.repeat(np.arange(graph.n), np.diff(graph.indptr))
+        b = graph.indices.astype(np.int64)
+        rows = number[(3 * a[:, None] + np.arange(3))][:, :, None]
+        cols = number[(3 * b[:, None] + np.arange(3))][:, None, :]
+        rows, cols = (m.ravel() for m in np.broadcast_arrays(rows, cols))
+        keep = (rows >= 0) & (cols >= 0)
+        if symmetric:
+            keep &= rows <= cols
+        source = np.flatnonzero(keep)
+        rows, cols = rows[source], cols[source]
+        tail = np.zeros(0)
+        if n_rows:
+            free = C[:, held.index]
+            k, j = np.nonzero(free)
+            values, lower = free[k, j], np.arange(n_free, size)
+            # The zero block needs its diagonal: PARDISO wants every diagonal entry to be there.
+            blocks = [(j, n_free + k, values), (lower, lower, np.zeros(n_rows))]
+            if not symmetric:
+                blocks.append((n_free + k, j, values))
+            rows = np.concatenate([rows, *(block[0] for block in blocks)])
+            cols = np.concatenate([cols, *(block[1] for block in blocks)])
+            tail = np.concatenate([block[2] for block in blocks])
+        order = np.lexsort((cols, rows))
+        counts = np.bincount(rows, minlength=size)
+        # One gather does the selection and the order together.
+        place = np.concatenate([source, 9 * graph.blocks + np.arange(len(tail))])
+        return cls(
+            graph=graph,
+            held=held,
+            indptr=np.concatenate([[0], np.cumsum(counts)]),
+            indices=cols[order].astype(np.int32),
+            diagonal=np.flatnonzero((rows == cols)[order])[:n_free],
+            index=place[order],
+            tail=tail,
+        )
+
+    def gather(self, blocks: np.ndarray) -> np.ndarray:
+        """The matrix's entries (entries,) from blocks (blocks, 3, 3) in the common frame."""
+        if len(self.held.turned):
+            blocks = self._turn(blocks)
+        flat = blocks.reshape(-1)
+        if len(self.tail):
+            flat = np.concatenate([flat, self.tail])
+        return flat[self.index]
+
+    def _turn(self, blocks: np.ndarray) -> np.ndarray:
+        g, held = self.graph, self.held
+        a = np.repeat(np.arange(g.n), np.diff(g.indptr))
+        turned = np.zeros(g.n, bool)
+        turned[held.turned] = True
+        hit = np.flatnonzero(turned[a] | turned[g.indices])
+        out = blocks.copy()
+        out[hit] = np.einsum(
+            "nji,njk,nkl->nil", held.frames[a[hit]], blocks[hit], held.frames[g.indices[hit]]
+        )
+        return out
+
+
+class Frame:
+    """What scenes on one body share that differ in their terms: supports, pattern and solver.
+
+    ``held``, ``rows``; ``C`` (rows, 3 nodes): their coefficients in the nodes' frames;
+    ``symmetric``; ``pattern``; ``solver``: of one sparsity pattern, with one analysis.
+    """
+
+    def __init__(
+        self,
+        body: Body,
+        terms: Sequence[Term],
+        fixed: Sequence[Fixed],
+        rows: Sequence[Row],
+        linear: str,
+    ):
+        """Raises ValueError for contradictory supports, and for rows with conjugate gradients."""
+        if linear == "cg" and rows:
+            raise ValueError("conjugate gradients can't take constraint rows; use a direct method")
+        n = len(body.nodes)
+        self.rows = tuple(rows)
+        self.held = Held(n, fixed)
+        C = [self.held.to_local(row.coefficients).ravel() for row in self.rows]
+        self.C = np.array(C).reshape(len(self.rows), 3 * n)
+        self.symmetric = all(term.symmetric for term in terms)
+        graphs = [term.graph for term in terms if term.graph is not None]
+        one = all(g is graphs[0] for g in graphs)
+        graph = graphs[0] if one else NodeGraph.union(graphs)
+        self.pattern = Pattern.of(graph, self.held, self.C, self.symmetric)
+        self.solver = make_solver(
+            self.pattern.indptr,
+            self.pattern.indices,
+            symmetric=self.symmetric,
+            method=linear,
+            bordered=bool(self.rows),
+            modes=_rigid_modes(body, self.held) if linear == "cg" else None,
+        )
+        self._places: dict[int, tuple[NodeGraph, np.ndarray]] = {}
+        self._row_scale: np.ndarray | None = None
+        self._entry_scale: np.ndarray | None = None
+
+    def places(self, graph: NodeGraph | None) -> np.ndarray | None:
+        """Where a term's blocks stand among the scene's; None: they are the scene's, or none."""
+        if graph is None or graph is self.pattern.graph:
+            return None
+        # The graph is kept, so that no other one can get its number.
+        if id(graph) not in self._places:
+            self._places[id(graph)] = graph, self.pattern.graph.find(graph)
+        return self._places[id(graph)][1]
+
+    def factorise(self, values: np.ndarray) -> Factor:
+        """The factor of the matrix with these entries."""
+        if not self.rows:
+            return self.solver.factorise(values)
+        # Rows of size 1 beside a stiffness of 1e7 leave pivots that PARDISO takes for zero.
+        if self._row_scale is None:
+            p, size = self.pattern, len(self.pattern.indptr) - 1
+            typical = np.median(np.abs(values[p.diagonal]))
+            self._row_scale = np.ones(size)
+            self._row_scale[size - len(self.rows) :] = typical / np.abs(self.C).max(axis=1)
+            a = np.repeat(np.arange(size), np.diff(p.indptr))
+            self._entry_scale = self._row_scale[a] * self._row_scale[p.indices]
+        return ScaledFactor(self.solver.factorise(values * self._entry_scale), self._row_scale)
+
+
+def _rigid_modes(body: Body, held: Held) -> np.ndarray:
+    """Translations and rotations in the free unknowns, (n_free, 6)."""
+    arm = (body.nodes - body.nodes.mean(axis=0)) / body.length
+    modes = [np.broadcast_to(axis, arm.shape) for axis in np.eye(3)]
+    modes += [np.cross(axis, arm) for axis in np.eye(3)]
+    return np.column_stack([held.to_local(m.copy()).ravel()[held.index] for m in modes])
