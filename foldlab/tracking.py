@@ -1,7 +1,8 @@
 """Runs in MLflow: configuration, seed, commit, metrics, seconds, tables, figures and models.
 
 ``MLFLOW_TRACKING_URI`` is respected; without it the database is ``mlruns/mlflow.db`` below the
-working directory and artifacts lie in ``mlruns/artifacts`` (one writer at a time).
+working directory and artifacts lie in ``mlruns/artifacts`` (one writer at a time). The database
+names them relative to that directory, so that both may move together.
 """
 
 from __future__ import annotations
@@ -9,22 +10,31 @@ from __future__ import annotations
 import logging
 import math
 import os
+import sqlite3
 import subprocess
 import tempfile
 import time
 import warnings
 from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import chdir, closing, contextmanager
 from importlib import metadata
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pandas as pd
 from filelock import FileLock
 
 import foldlab
 
 ROOT = Path("mlruns")
+ARTIFACTS = ROOT / "artifacts"
+# Where MLflow keeps addresses of artifacts.
+ADDRESSES = (
+    ("experiments", "artifact_location"),
+    ("runs", "artifact_uri"),
+    ("logged_models", "artifact_location"),
+)
 
 
 class Run:
@@ -33,23 +43,27 @@ class Run:
     def __init__(self, mlflow, run_id: str):
         self._mlflow = mlflow
         self.run_id = run_id
+        # Where addresses of artifacts are relative to, wherever the process goes meanwhile.
+        self._folder = Path.cwd()
 
     def metrics(self, values: Mapping[str, Any], *, prefix: str = "", step: int | None = None):
         """Log the finite numbers of a flat mapping; other values are left out."""
         numbers = {
             prefix + _metric_name(name): float(value)
             for name, value in values.items()
-            if isinstance(value, int | float) and math.isfinite(value)
+            if isinstance(value, int | float | np.number | np.bool_) and math.isfinite(value)
         }
         self._mlflow.log_metrics(numbers, step=step)
 
     def table(self, name: str, frame: pd.DataFrame) -> None:
         """Log a table as ``tables/NAME.csv``."""
-        self._mlflow.log_text(frame.to_csv(index=False), f"tables/{name}.csv")
+        with chdir(self._folder):
+            self._mlflow.log_text(frame.to_csv(index=False), f"tables/{name}.csv")
 
     def figure(self, name: str, figure) -> None:
         """Log a Matplotlib figure as ``figures/NAME.png``."""
-        self._mlflow.log_figure(figure, f"figures/{name}.png")
+        with chdir(self._folder):
+            self._mlflow.log_figure(figure, f"figures/{name}.png")
 
     def model(self, name: str, classifier, example: pd.DataFrame) -> None:
         """Log a fitted classifier with its signature and an input example (a few designs).
@@ -59,6 +73,10 @@ class Run:
         :func:`foldlab.learning.saving.save_model` lies beside either under ``models``, for a
         formula alone.
         """
+        with chdir(self._folder):
+            self._log_model(name, classifier, example)
+
+    def _log_model(self, name: str, classifier, example: pd.DataFrame) -> None:
         from sklearn.model_selection import FixedThresholdClassifier
 
         from foldlab.learning import saving
@@ -101,37 +119,73 @@ def _requirements(*packages: str) -> list[str]:
 
 @contextmanager
 def track(experiment: str, config: Mapping[str, Any], *, seed: int | None = None) -> Iterator[Run]:
-    """Open a run of ``experiment``; its status and seconds are logged even if the body raises."""
+    """Open a run of ``experiment``; its status and seconds are logged even if the body raises.
+
+    Inside a run of the caller's own it becomes a child of that run, in the caller's database. A
+    deleted experiment is restored, without the runs that were deleted with it.
+    """
     # Its import takes seconds and only tracked commands need it.
     import mlflow
 
     logging.getLogger("mlflow").setLevel(logging.ERROR)
     logging.getLogger("alembic").setLevel(logging.ERROR)
     given = os.environ.get("MLFLOW_TRACKING_URI")
-    uri = given or _local_uri()
+    inside = mlflow.active_run() is not None
+    uri = mlflow.get_tracking_uri() if inside else given or _local_uri()
     start = time.perf_counter()
     with warnings.catch_warnings():
         # MLflow's own calls into SQLAlchemy, pydantic and protobuf; nothing a user could mend.
         warnings.simplefilter("ignore")
-        mlflow.set_tracking_uri(uri)
+        if not inside:
+            mlflow.set_tracking_uri(uri)
         if uri == _local_uri():
             ROOT.mkdir(exist_ok=True)
             # Two that start at once would both make the database, and one would fail.
             with FileLock(ROOT / "mlflow.db.lock"):
-                if mlflow.get_experiment_by_name(experiment) is None:
-                    artifacts = (ROOT / "artifacts" / experiment).resolve().as_uri()
-                    mlflow.create_experiment(experiment, artifact_location=artifacts)
-        mlflow.set_experiment(experiment)
-        with mlflow.start_run() as run:
+                number = _experiment(experiment, str((ARTIFACTS / experiment).resolve()))
+                _make_relative(ROOT / "mlflow.db")
+        else:
+            number = _experiment(experiment)
+        with mlflow.start_run(experiment_id=number, nested=inside) as run:
             mlflow.log_params({key: str(value)[:500] for key, value in config.items()})
             mlflow.set_tags({"seed": str(seed), "commit": commit(), "foldlab": foldlab.__version__})
             try:
                 yield Run(mlflow, run.info.run_id)
             finally:
                 mlflow.log_metric("seconds", time.perf_counter() - start)
-                if not given:
+                if not (given or inside):
                     # MLflow exports the address it was told; a later run may start elsewhere.
                     os.environ.pop("MLFLOW_TRACKING_URI", None)
+
+
+def _experiment(name: str, artifacts: str | None = None) -> str:
+    """The number of an experiment, made or restored where it is not there."""
+    import mlflow
+
+    known = mlflow.get_experiment_by_name(name)
+    if known is None:
+        return mlflow.create_experiment(name, artifact_location=artifacts)
+    number = known.experiment_id
+    if known.lifecycle_stage == "deleted":
+        client = mlflow.MlflowClient()
+        old = client.search_runs([number], run_view_type=mlflow.entities.ViewType.DELETED_ONLY,
+                                 max_results=50_000)  # fmt: skip
+        client.restore_experiment(number)
+        for run in old:
+            client.delete_run(run.info.run_id)
+    return number
+
+
+def _make_relative(database: Path) -> None:
+    # MLflow makes every address absolute, and then finds nothing after a move.
+    start = f"{ARTIFACTS.as_posix()}/"
+    with closing(sqlite3.connect(database, timeout=60)) as connection, connection:
+        for table, column in ADDRESSES:
+            connection.execute(
+                f"UPDATE {table} SET {column} = substr({column}, instr({column}, ?)) "
+                f"WHERE {column} LIKE ? AND {column} NOT LIKE '%\\%%' ESCAPE '\\'",
+                (start, f"%/{start}%"),
+            )
 
 
 def tracking_uri() -> str:

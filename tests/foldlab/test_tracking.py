@@ -1,10 +1,17 @@
 """Runs in MLflow: where they go, and what a search keeps and drops."""
 
 import os
+import shutil
+import warnings
+from pathlib import Path
 
 import mlflow
+import numpy as np
+import pandas as pd
 import pytest
 
+from foldlab.design import REDUCED
+from foldlab.learning.models import make_classifier
 from foldlab.learning.tune import can_not_reach_the_front
 from foldlab.tracking import track, tracking_uri
 
@@ -12,6 +19,27 @@ from foldlab.tracking import track, tracking_uri
 def runs(uri, experiment):
     client = mlflow.MlflowClient(uri)
     return client.search_runs([client.get_experiment_by_name(experiment).experiment_id])
+
+
+@pytest.fixture(scope="module")
+def empty(tmp_path_factory):
+    """A database of MLflow, which takes seconds to make."""
+    path = tmp_path_factory.mktemp("empty") / "empty.db"
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # MLflow's own calls
+        mlflow.MlflowClient(f"sqlite:///{path}").search_experiments()
+    return path
+
+
+@pytest.fixture
+def local(empty, tmp_path, monkeypatch):
+    """A working directory with a database of its own; the address of that."""
+    monkeypatch.delenv("MLFLOW_TRACKING_URI", raising=False)
+    folder = tmp_path.resolve() / "one"
+    (folder / "mlruns").mkdir(parents=True)
+    shutil.copy(empty, folder / "mlruns" / "mlflow.db")
+    monkeypatch.chdir(folder)
+    return f"sqlite:///{folder / 'mlruns' / 'mlflow.db'}"
 
 
 def test_a_given_address_is_respected(tmp_path, monkeypatch):
@@ -39,6 +67,90 @@ def test_without_one_it_lies_below_the_working_directory_and_a_failure_is_kept(
         (kept,) = runs(f"sqlite:///{tmp_path.resolve() / name / 'mlruns' / 'mlflow.db'}", "local")
         assert kept.info.status == "FAILED" and kept.data.metrics["seconds"] > 0
     assert "MLFLOW_TRACKING_URI" not in os.environ
+
+
+def test_numbers_of_numpy_are_metrics(local):
+    values = {
+        "f4": np.float32(0.5), "f8": np.float64(1.5), "i8": np.int64(3), "u1": np.uint8(4),
+        "yes": np.bool_(True),
+    }  # fmt: skip
+    with track("numbers", {}) as run:
+        run.metrics({**values, "nan": np.float32("nan"), "array": np.ones(1)})
+    (kept,) = runs(local, "numbers")
+    kept.data.metrics.pop("seconds")
+    assert kept.data.metrics == {"f4": 0.5, "f8": 1.5, "i8": 3, "u1": 4, "yes": 1}
+
+
+def test_a_run_of_the_users_own_goes_on_around_it(local, empty, tmp_path, monkeypatch):
+    """It raised "Run with UUID … is already active"."""
+    shutil.copy(empty, tmp_path / "mine.db")
+    uri = f"sqlite:///{tmp_path / 'mine.db'}"
+    mlflow.set_tracking_uri(uri)
+    try:
+        mlflow.set_experiment("mine")
+        with mlflow.start_run() as outer:
+            with track("inner", {"a": 1}) as run:
+                run.metrics({"x": 1})
+            mlflow.log_metric("after", 2)
+        assert mlflow.get_tracking_uri() == uri
+        with mlflow.start_run() as later:
+            pass
+        assert later.info.experiment_id == outer.info.experiment_id
+    finally:
+        mlflow.set_tracking_uri(None)
+        monkeypatch.setattr(mlflow.tracking.fluent, "_active_experiment_id", None)
+    (kept,) = runs(uri, "inner")
+    assert kept.data.tags["mlflow.parentRunId"] == outer.info.run_id
+    assert kept.data.metrics["x"] == 1
+    assert any(r.data.metrics.get("after") == 2 for r in runs(uri, "mine"))
+
+
+def test_a_deleted_experiment_starts_afresh(local):
+    with track("again", {"n": 1}):
+        pass
+    client = mlflow.MlflowClient(local)
+    client.delete_experiment(client.get_experiment_by_name("again").experiment_id)
+    with track("again", {"n": 2}):
+        pass
+    (kept,) = runs(local, "again")
+    assert kept.data.params["n"] == "2"
+
+
+def test_artifacts_are_found_after_a_move(local, tmp_path, monkeypatch):
+    frame = pd.DataFrame({"a": [1, 2]})
+    with track("moves", {}) as run:
+        monkeypatch.chdir(tmp_path)
+        run.table("first", frame)
+        monkeypatch.chdir(tmp_path / "one")
+    X = REDUCED.sample(30, seed=0)
+    with track("moves", {}) as second:
+        tree = make_classifier("tree", REDUCED).fit(X, np.arange(30) % 2)
+        second.model("tree", tree, X.head(2))
+    (tmp_path / "one").rename(tmp_path / "two")
+    monkeypatch.chdir(tmp_path / "two")
+    client = mlflow.MlflowClient(f"sqlite:///{tmp_path / 'two' / 'mlruns' / 'mlflow.db'}")
+    path = client.download_artifacts(run.run_id, "tables/first.csv")
+    pd.testing.assert_frame_equal(pd.read_csv(path), frame)
+    with track("moves", {}) as third:
+        third.table("later", frame)
+    (logged,) = client.search_logged_models([client.get_experiment_by_name("moves").experiment_id])
+    for run_id, name in (
+        (run.run_id, "tables/first.csv"), (second.run_id, "models/tree/model.json"),
+        (third.run_id, "tables/later.csv"),
+    ):  # fmt: skip
+        assert Path(client.download_artifacts(run_id, name)).is_file()
+    assert (tmp_path / "two" / logged.artifact_location / "MLmodel").is_file()
+    assert not (tmp_path / "one").exists()
+
+
+def test_absolute_addresses_of_earlier_versions_are_mended(local, tmp_path):
+    client = mlflow.MlflowClient(local)
+    old = (tmp_path / "gone" / "mlruns" / "artifacts" / "old").as_uri()
+    number = client.create_experiment("old", artifact_location=old)
+    run = client.create_run(number).info.run_id
+    with track("new", {}):
+        pass
+    assert client.get_run(run).info.artifact_uri == f"mlruns/artifacts/old/{run}/artifacts"
 
 
 def test_only_what_is_slow_and_wrong_is_pruned():
