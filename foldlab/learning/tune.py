@@ -9,6 +9,7 @@ the trials before it, that is where it can't be heading for the Pareto front.
 from __future__ import annotations
 
 import multiprocessing
+import os
 import time
 import warnings
 from collections.abc import Callable
@@ -108,6 +109,7 @@ def open_study(journal: Path, seed: int) -> optuna.Study:
     # Open-and-create locks work on the network file systems that symbolic links fail on.
     lock = JournalFileOpenLock(str(journal))
     try:
+        _drop_cut_line(journal, lock)
         storage = JournalStorage(JournalFileBackend(str(journal), lock_obj=lock))
         optuna.logging.set_verbosity(optuna.logging.WARNING)
         return optuna.create_study(
@@ -117,10 +119,26 @@ def open_study(journal: Path, seed: int) -> optuna.Study:
             directions=["maximize", "minimize"],
             load_if_exists=True,
         )
-    except (ValueError, KeyError) as error:
+    except Exception as error:  # whatever a damaged file makes Optuna raise
         raise InputError(
-            f"{journal} is no journal of a study ({error}); move it away to start afresh"
+            f"{journal} is no journal of a study ({type(error).__name__}: {error}); move it away "
+            "to start afresh"
         ) from None
+
+
+def _drop_cut_line(journal: Path, lock: JournalFileOpenLock) -> None:
+    """Takes away a last line that a full disk or a killed process left unfinished."""
+    if not journal.is_file():
+        return
+    lock.acquire()
+    try:
+        text = journal.read_bytes()
+        if text and not text.startswith(b'{"op_code":'):
+            raise ValueError("it does not begin as one")  # Optuna would append to it
+        if not text.endswith(b"\n"):
+            os.truncate(journal, text.rfind(b"\n") + 1)
+    finally:
+        lock.release()
 
 
 def _work(journal: str, split, space: DesignSpace, search: Search, worker: int) -> None:
