@@ -48,7 +48,7 @@ def examine(unit, physics, timeout=TIMEOUT):
 
     def stop(state):
         m = foldability.measure(state.curves, unit.hinge_length)
-        return abs(m.m1) >= 2 * np.pi or m.m2 >= np.pi
+        return bool(foldability.Thresholds().closed(m.m1, m.m2))
 
     found = fold(build(unit, Meshing(0), physics, watch=Watch(begun + timeout)), stop=stop)
     # Its own seconds: a busy machine is no hang.

@@ -72,9 +72,10 @@ def test_a_crushing_weight_ends_in_words_or_in_an_audited_state():
     """Γ = 1e-3 on a hinge a thousand times softer than the sheet: a typed ending, no NaN, and a
     state that is reached passes the second code path."""
     unit = replace(P, stiffness_to_weight=1e-3, E_ratio=1e-3, h_ratio=10.0, rho_ratio=10.0)
-    begun = time.monotonic()
-    found = fold(build(unit, Meshing(COARSE), watch=Watch(deadline=begun + 3)))
-    assert time.monotonic() - begun < 6
+    worked = time.process_time()
+    found = fold(build(unit, Meshing(COARSE), watch=Watch(deadline=time.monotonic() + 3)))
+    # Its own seconds: a busy machine is no hang.
+    assert time.process_time() - worked < 6
     assert found.ending in (Ending.REACHED, Ending.NO_REST, Ending.LOST, Ending.TIMEOUT)
     assert found.detail and (found.x is None) == (not found.states)
     for state in found.states:

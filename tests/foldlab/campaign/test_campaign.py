@@ -7,6 +7,7 @@ import sys
 import time
 from collections import Counter
 from concurrent.futures import BrokenExecutor, Executor, Future, ThreadPoolExecutor
+from contextlib import contextmanager
 from pathlib import Path
 
 import pandas as pd
@@ -238,6 +239,46 @@ def test_a_broken_executor_that_never_answers_is_left(path, monkeypatch):
     report = run([FOLDS] * 6, path, executor=Mute(), in_flight=6)
     assert (report.computed, report.complete) == (2, False)
     assert "without an answer" in report.outcome
+
+
+class Breaks(Inline):
+    """A worker that starts, and dies before or with the first design."""
+
+    def __init__(self, loses):
+        super().__init__(1, BrokenExecutor("killed while idle"))
+        self.loses = loses
+
+    def submit(self, fn, /, *args, **kwargs):
+        if self.asked == 0 or not self.loses:
+            return super().submit(fn, *args, **kwargs)
+        future = Future()
+        future.set_exception(BrokenExecutor("killed at work"))
+        return future
+
+
+@pytest.mark.parametrize(
+    "loses, pools, labelled",
+    [
+        ([False] * 9, 3, 0),
+        ([False, False, True, False, False, True, *[False] * 9], 9, 2),
+    ],
+)
+def test_workers_that_die_without_a_design_end_the_campaign_at_the_third(
+    path, monkeypatch, loses, pools, labelled
+):
+    made = []
+
+    @contextmanager
+    def pool(workers):
+        made.append(Breaks(loses[len(made)]))
+        yield made[-1]
+
+    alone = lambda parcel, design: Label(dict(design), True, "alone")  # noqa: E731
+    monkeypatch.setattr("foldlab.campaign.worker.pool", pool)
+    monkeypatch.setattr("foldlab.campaign.worker.alone", alone)
+    report = run([FOLDS] * 9, path, in_flight=1)
+    assert (len(made), report.computed, report.complete) == (pools, labelled, False)
+    assert "die before they get a design (BrokenExecutor: killed while idle)" in report.outcome
 
 
 def test_interrupt_keeps_what_completed(path):

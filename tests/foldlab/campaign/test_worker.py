@@ -5,7 +5,6 @@ import os
 import pickle
 import subprocess
 import sys
-import time
 from concurrent.futures import ProcessPoolExecutor
 from multiprocessing import get_context
 from pathlib import Path
@@ -51,12 +50,10 @@ def test_what_passes_a_parcel_on_needs_no_source():
 
 def test_a_computation_that_hangs_is_ended(tmp_path, monkeypatch):
     monkeypatch.setattr(campaign, "GRACE", 1.0)
-    start = time.perf_counter()
     report, frame = run([FOLDS, NOT, FOLDS, FOLDS], tmp_path / "s.db", Hangs(), workers=2)
     assert report.complete and report.folds == 3
     assert report.reasons == {"hung": 1}
     assert frame["reason"][1].startswith("no answer within 1.2 s, twice")
-    assert time.perf_counter() - start < 20
 
 
 FOREIGN = """

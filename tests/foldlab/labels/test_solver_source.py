@@ -8,7 +8,7 @@ import pytest
 
 from foldlab.design import REDUCED
 from foldlab.errors import InputError
-from foldlab.labels import foldability
+from foldlab.labels import foldability, solver
 from foldlab.labels.asked import Conditions, Effort
 from foldlab.labels.label import LabelSource, storable
 from foldlab.labels.solver import SolverSource, make_source
@@ -97,7 +97,7 @@ def test_without_weight_there_is_no_ground_to_speak_of():
 def test_time_that_runs_out_is_an_unknown_with_what_was_seen():
     # The first label of a process waits for the solver to be imported too.
     _, label = (labelled(LIGHT, timeout=0.25) for _ in range(2))
-    assert label.evidence["seconds"] < 2
+    assert label.evidence["core_seconds"] < 2
     assert label.foldable is None and label.evidence["outcome"] == "timeout"
     assert label.reason == "unknown: the time allowed was used up"
     assert not label.evidence["stable"]
@@ -168,8 +168,29 @@ def test_versions_tell_settings_apart():
     options = [
         {}, {"accuracy": 0.05}, {"effects": "none"}, {"growth": "isotropic"}, {"upright": False},
         {"growth": "isotropic", "question": "exists"}, {"seed": 1}, {"seed": 2},
+        {"barrier": "exponential"}, {"strips": 2}, {"strips": 2, "strip_share": 0.8},
+        {"effects": "contact"}, {"refine": "near"},
     ]  # fmt: skip
     assert len({make_source("solver", o).version for o in options}) == len(options)
+    # What can't change an answer makes no other version.
+    same = [{}, {"timeout": 9.0}, {"strip_share": 0.8}]
+    assert {make_source("solver", o).version for o in same} == {"3-uniaxial-gravity+ground-0.02"}
+
+
+def test_settings_without_strips_do_not_say_what_strips_cover():
+    assert make_source("solver", {"refine": "near", "strip_share": 0.8}).effort.refine == "near"
+
+
+@pytest.mark.parametrize("accuracy, finest", [(0.02, 2), (0.005, 3)])
+def test_meshes_beyond_the_cap_on_unknowns_are_not_refined(accuracy, finest, monkeypatch):
+    source = SolverSource(Conditions(effects="none"), Effort(accuracy))
+    run = source.run(LIGHT, 0)
+    size = run.folding.model.scene.size
+    monkeypatch.setattr(SolverSource, "run", lambda *args, **limits: run)
+    monkeypatch.setattr(SolverSource, "_refined", lambda self, run, level, deadline: (run, 0.5))
+    for cap, levels in ((size, finest + 1), (size - 1, 2)):
+        monkeypatch.setitem(solver.LARGEST, finest, cap)
+        assert source.label(LIGHT).evidence["levels"] == levels
 
 
 @pytest.mark.parametrize(

@@ -3,7 +3,9 @@
 import time
 
 import numpy as np
+import pandas as pd
 import pytest
+from scipy.spatial import cKDTree
 
 from foldlab.datasets import load_dataset
 from foldlab.design import FULL
@@ -64,6 +66,36 @@ def test_the_forecast_follows_accuracy_and_machine(monkeypatch):
     slow = forecast.forecast(DESIGN, SolverSource())
     assert slow.seconds == pytest.approx(2 * base.seconds) and slow.memory_mb == base.memory_mb
     assert "for an error of the angle below 2 %" in slow.sentence(0.02)
+
+
+@pytest.mark.parametrize(
+    "accuracy, levels, error, times",
+    [
+        # Third and fourth mesh have FINER times the unknowns of the second; each has a quarter of
+        # the error of the one before.
+        (0.02, 2, 0.021, forecast.FINER[2]),
+        (0.02, 2, 0.019, 1.0),
+        (0.02, 3, 0.0051, forecast.FINER[2]),
+        (0.02, 3, 0.0049, 1.0),
+        (0.005, 2, 0.021, forecast.FINER[3]),
+        (0.005, 2, 0.019, forecast.FINER[2]),
+        (0.005, 3, 0.0051, forecast.FINER[3]),
+        (0.005, 3, 0.0049, forecast.FINER[2]),
+    ],
+)
+def test_a_mesh_is_foreseen_where_the_one_before_would_not_do(
+    accuracy, levels, error, times, monkeypatch
+):
+    of_like = {"core_seconds": 1.0, "unknowns": 2000.0, "levels": levels, "error_estimate": error}
+    table = pd.DataFrame([of_like] * forecast.NEIGHBOURS)
+    features = np.zeros((len(table), len(forecast.WEIGHTS)))
+    made = table, cKDTree(features), np.ones(len(forecast.WEIGHTS))
+    monkeypatch.setattr(forecast, "_labels", lambda growth: made)
+    monkeypatch.setattr(forecast, "pace", lambda: 1.0)
+    second = 2000.0 / (forecast.FINER[2] if levels == 3 else 1.0)
+    least, per_1000 = forecast.MEMORY
+    seen = forecast.forecast(DESIGN, SolverSource(effort=Effort(accuracy)))
+    assert seen.memory_mb == pytest.approx(least + per_1000 * times * second / 1000)
 
 
 def test_no_forecast_where_no_like_labels_are():
@@ -145,6 +177,17 @@ def test_ablation_labels_again_without_each_effect():
     # Panels that pass through each other turn by half a radian more.
     assert rows["contact"]["change"] > 0.4
     assert source.conditions.effects == "gravity,ground,contact"
+
+
+def test_without_an_effect_every_label_is_refined(monkeypatch):
+    # The error of the coarsest mesh was measured with weight only.
+    asked = []
+    made = Label(DESIGN, None, "", {"outcome": "timeout", "seconds": 0.0})
+    monkeypatch.setattr(SolverSource, "label", lambda self, design: asked.append(self) or made)
+    source = SolverSource(effort=Effort(accuracy=0.1, refine="near"))
+    (row,) = why.ablate(made, source)
+    assert row["change"] is None
+    assert asked == [SolverSource(Conditions(effects="none"), Effort(accuracy=0.1))]
 
 
 # -- advice --------------------------------------------------------------------------------------

@@ -1,0 +1,126 @@
+"""From a path to a label: differences of meshes, what is near a threshold, what weight explains."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from foldlab.labels.foldability import Thresholds
+from foldlab.labels.run import Run
+from foldlab.labels.verdict import difference, judge
+from solver.cases.unit.path import Ending
+
+LIMITS = Thresholds()
+DESIGN = {
+    "E_ratio": 0.1, "rho_ratio": 1.0, "hinge_length": 0.25, "hinge_width": 1.0, "h_ratio": 1.0,
+    "stiffness_to_weight": 1.0, "aspect": 0.2, "slenderness": 0.01, "contraction": 0.3,
+}  # fmt: skip
+ALPHA = 0.3 * np.pi
+
+
+def a_run(*, ending=Ending.REACHED, closed=False, heavy=True, states=True, **measures):
+    """A path of one state, or of none, that the solver need not find."""
+    row = {"contraction": 0.3, "m1": 0.0, "m2": 0.0, "m3": 1.0, "m4": 1.0, "hinge": 0.0}
+    row |= {"unstable": 0, **measures}
+    state = SimpleNamespace(topples=False, curves=np.zeros((4, 1000, 3)))
+    folding = SimpleNamespace(
+        ending=ending, detail=ending.value, happenings=(), last=state, states=(state,),
+        iterations=1, model=SimpleNamespace(heavy=heavy, scene=SimpleNamespace(size=1)),
+    )  # fmt: skip
+    return Run(folding, [row] if states else [], closed, [])
+
+
+def judged(run, error, **changed):
+    design = DESIGN | changed
+    foldable, reason, evidence = judge(
+        design, run, error, LIMITS, accuracy=0.02, levels=2, coarse=False
+    )
+    return foldable, evidence["outcome"], reason
+
+
+# -- the difference of two meshes ----------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    "coarse, fine, off",
+    [
+        ({"m1": 1.9}, {"m1": 2.0}, 0.1 / 2.0),
+        ({"m1": 0.1}, {"m1": 0.2}, 0.1 / ALPHA),  # little angles count against what folds
+        ({"m1": 2.0, "m2": 0.3}, {"m1": 2.0, "m2": 0.1}, 0.2 / 2.0),
+        ({"m1": 1.9, "m2": 0.3}, {"m1": 2.0, "m2": 0.0}, 0.3 / 2.0),
+    ],
+)
+def test_meshes_differ_by_the_larger_of_both_turnings(coarse, fine, off):
+    assert difference(a_run(**coarse), a_run(**fine), DESIGN, LIMITS) == pytest.approx(off)
+
+
+def test_closed_paths_differ_by_the_contraction_that_a_full_turn_takes():
+    runs = [a_run(closed=True, m1=6.3, contraction=g) for g in (0.2, 0.25)]
+    assert difference(*runs, DESIGN, LIMITS) == pytest.approx(0.25)
+    # Where only one of them closed, the angles are what differs.
+    runs = [a_run(m1=5.0), a_run(closed=True, m1=6.25, contraction=0.25)]
+    assert difference(*runs, DESIGN, LIMITS) == pytest.approx(0.2)
+
+
+# -- what an error leaves open -------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    "measures, error, outcome",
+    [
+        ({"m1": 1.02 * ALPHA}, 0.05, "unresolved"),
+        ({"m1": 0.98 * ALPHA}, 0.05, "unresolved"),
+        ({"m1": 1.01 * ALPHA}, 0.015, "folds"),  # as accurate as asked for
+        ({"m1": 1.10 * ALPHA}, 0.05, "folds"),
+        ({"m1": 0.90 * ALPHA}, 0.05, "too_little"),
+        ({"m1": 2 * ALPHA, "m2": 0.45 * ALPHA}, 0.05, "unresolved"),
+        ({"m1": 2 * ALPHA, "m2": 0.35 * ALPHA}, 0.05, "folds"),
+    ],
+)
+def test_within_its_error_of_a_threshold_a_label_is_unknown(measures, error, outcome):
+    foldable, seen, reason = judged(a_run(**measures), error)
+    assert seen == outcome
+    assert (foldable is None) == (outcome == "unresolved") == reason.startswith("unknown")
+
+
+def test_a_closed_path_is_resolved_whatever_its_error():
+    # At half a turn, which is not near what counts as folded but by the size of the error.
+    run = a_run(closed=True, m1=6.3, m2=0.45 * ALPHA)
+    assert judged(run, 0.1)[:2] == (True, "folds")
+    assert judged(a_run(m1=6.3, m2=0.45 * ALPHA), 0.1)[:2] == (None, "unresolved")
+
+
+def test_what_no_second_mesh_confirmed_is_unknown():
+    foldable, outcome, reason = judged(a_run(m1=2.0), None)
+    assert (foldable, outcome) == (None, "unverified")
+    assert reason.startswith("unknown") and "folds by 2 rad" in reason
+
+
+# -- weight in a reason --------------------------------------------------------------------------
+
+# Own weight of the active layer over E_i: h_s³/Γ · (ρ_i/ρ_s)(h_i/h_s) / (E_i/E_s), lengths in l_s
+SOFT = {"E_ratio": 1e-3, "rho_ratio": 10.0, "h_ratio": 10.0, "slenderness": 0.01}
+
+
+def test_a_burden_beyond_the_modulus_is_named_and_is_no_verdict():
+    lost = a_run(ending=Ending.NO_REST, states=False)
+    for gamma, times in ((0.101, None), (0.099, "1 times"), (0.01, "10 times")):
+        foldable, outcome, reason = judged(lost, None, **SOFT, stiffness_to_weight=gamma)
+        assert (foldable, outcome) == (None, "no_rest")
+        assert reason.startswith(f"unknown: {Ending.NO_REST.value}")
+        assert ("its modulus" in reason) == (times is not None)
+        assert times is None or f"with {times} its modulus" in reason
+
+
+@pytest.mark.parametrize(
+    "run, error, says",
+    [
+        (a_run(ending=Ending.LOST, states=False), None, True),
+        (a_run(), None, True),  # no finer mesh confirmed it
+        (a_run(), 0.01, False),  # a state is a state, however heavy
+        (a_run(ending=Ending.TIMEOUT, states=False), None, False),  # time explains it
+        (a_run(ending=Ending.LOST, states=False, heavy=False), None, False),  # no weight acts
+    ],
+)
+def test_weight_is_named_only_where_it_may_be_the_reason(run, error, says):
+    assert ("its modulus" in judged(run, error, **SOFT, stiffness_to_weight=0.01)[2]) == says
