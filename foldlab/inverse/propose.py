@@ -134,7 +134,7 @@ def propose(wish: Wish, classifier=None, n: int = 5, *, seed: int, angle_model=N
     regions, failures = [], []
     for pair in wish.pairs:
         try:
-            regions.append((pair, Region(wish, tuple(limits_of(wish, pair, table)))))
+            regions.append((pair, Region(wish, limits_of(wish, pair, table))))
         except InputError as error:
             # Without alternatives the names would only repeat what the wish says.
             name = f"{' + '.join(filter(None, pair))}: " if len(wish.pairs) > 1 else ""
@@ -239,7 +239,7 @@ def _why_none(score: Score, regions, tries, seed: int) -> str:
         # Nothing may be clipped back to the limit that was left out.
         fixed = {k: v for k, v in wish.fixed.items() if k != quantity}
         ranges = {k: v for k, v in wish.ranges.items() if k != quantity}
-        relaxed = replace(relaxed, wish=replace(relaxed.wish, fixed=fixed, ranges=ranges))
+        relaxed = Region(replace(relaxed.wish, fixed=fixed, ranges=ranges), relaxed.limits)
         x, robust, _ = _search(score, relaxed, 16, seed, WALKERS // 8)
         if robust.any():
             away, value = distance(x[robust])

@@ -7,8 +7,8 @@ shrinking each chord onto what they allow.
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Sequence
+from dataclasses import replace
 
 import numpy as np
 from scipy.linalg import null_space
@@ -21,26 +21,25 @@ from foldlab.inverse.wish import SCALES, Limit, Wish, mass_of, quantities_of
 _TIGHT = 1e-9  # decades: below it a limit counts as an equality
 
 
-@dataclass(frozen=True)
 class Region:
     """The allowed designs of one wish and one pair of materials.
 
-    Raises :class:`InputError` where no design meets all limits, with the limits to blame.
+    ``names``: the coordinates, whose logarithms make a point; ``centre`` (names,): a point deep
+    inside of the polytope; ``start``: one that mass and thickness allow too.
     """
 
-    wish: Wish
-    limits: tuple[Limit, ...]
-
-    def __post_init__(self):
+    def __init__(self, wish: Wish, limits: Sequence[Limit]):
+        """Raises :class:`InputError` where no design meets all limits, naming those to blame."""
+        self.wish, self.limits = wish, tuple(limits)
         used = {name for limit in self.limits for name in limit.powers}
         names = [name for name in (*FULL.names, *SCALES, "g_earth") if name in used]
-        object.__setattr__(self, "names", names)
+        self.names = names
         rows = np.array([[limit.powers.get(name, 0.0) for name in names] for limit in self.limits])
         low = np.array([limit.low for limit in self.limits])
         high = np.array([limit.high for limit in self.limits])
-        object.__setattr__(self, "_rows", rows)
-        object.__setattr__(self, "_low", low)
-        object.__setattr__(self, "_high", high)
+        self._rows = rows
+        self._low = low
+        self._high = high
         equal = high - low < _TIGHT
         centre, radius = self._centre(equal)
         if centre is None:
@@ -53,12 +52,12 @@ class Region:
         # The linear programme keeps equalities to its own tolerance; here they hold to rounding.
         off = rows[equal] @ centre - (low[equal] + high[equal]) / 2
         centre = centre - np.linalg.lstsq(rows[equal], off)[0] if equal.any() else centre
-        object.__setattr__(self, "centre", centre)
-        object.__setattr__(self, "_basis", _null(rows[equal], len(names)))
+        self.centre = centre
+        self._basis = _null(rows[equal], len(names))
         above, below = free & np.isfinite(high), free & np.isfinite(low)
-        object.__setattr__(self, "_A", np.vstack([rows[above], -rows[below]]))
-        object.__setattr__(self, "_b", np.concatenate([high[above], -low[below]]))
-        object.__setattr__(self, "start", self._start())
+        self._A = np.vstack([rows[above], -rows[below]])
+        self._b = np.concatenate([high[above], -low[below]])
+        self.start = self._start()
 
     # ---- emptiness ------------------------------------------------------------------------
 

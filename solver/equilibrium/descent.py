@@ -166,9 +166,7 @@ class _Drag:
         if found is None:
             return None
         energy, force = self._pull(x)
-        out = found.shifted(self._drag)
-        out.residual, out.energy = found.residual + force, found.energy + energy
-        return out
+        return found.plus(self._drag, force, energy)
 
     def residual(self, x, e):
         R = self._scene.residual(x, e)

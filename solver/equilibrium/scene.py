@@ -69,9 +69,14 @@ class System:
 
     def shifted(self, shift: float) -> System:
         """The same state with ``shift`` added to the stiffness of every free component."""
+        return self.plus(shift, 0.0, 0.0)
+
+    def plus(self, shift: float, force: np.ndarray | float, energy: float) -> System:
+        """With more: ``shift`` on the stiffness of free components, a residual and an energy."""
         values = self.values.copy()
         values[self._scene.diagonal] += shift
-        return System(self._scene, self.residual, values, self.energy)
+        total = None if self.energy is None else self.energy + energy
+        return System(self._scene, self.residual + force, values, total)
 
 
 class Scene:

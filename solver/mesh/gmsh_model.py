@@ -19,6 +19,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import skfem
@@ -47,6 +48,8 @@ class Model:
 
     def __init__(self, name: str = "model"):
         self._session = session(name)
+        self._gmsh: Any = None  # while the session lasts
+        self._cad: Any = None
         self._volumes: dict[str, list[int]] = {}
         self._surfaces: dict[str, list[int] | Callable] = {}
         self._divided: set[int] = set()
