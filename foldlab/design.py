@@ -19,6 +19,8 @@ from foldlab.errors import InputError
 STANDARD_GRAVITY = 9.80665  # m/s²
 # A design written to a file and read back may miss its bound by the last digits.
 BOUND_RTOL = 1e-9
+# Designs in one sample; more would fill the memory before anything is written.
+MOST_DESIGNS = 10**7
 
 
 @dataclass(frozen=True)
@@ -112,6 +114,11 @@ class DesignSpace:
 
         if n < 1:
             raise InputError(f"n = {n}: a sample needs at least one design")
+        if n > MOST_DESIGNS:
+            raise InputError(
+                f"n = {n}: a sample has at most {MOST_DESIGNS} designs; draw several, each with "
+                "its own seed"
+            )
         engine = qmc.LatinHypercube(d=len(self), rng=seed, optimization=optimization)
         return self.from_unit(engine.random(n))
 

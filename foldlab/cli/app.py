@@ -6,8 +6,10 @@ done; 2: bad input, nothing written; 3: ran but could not reach the result.
 
 from __future__ import annotations
 
+import os
 import sys
 import warnings
+from contextlib import nullcontext
 from pathlib import Path
 from typing import Annotated
 
@@ -253,9 +255,11 @@ def quickstart(
     """Sample, label, train, compare, map and track on the reduced space, in about two minutes."""
     from foldlab.cli.quickstart import Settings, run
     from foldlab.learning.compare import readable
+    from foldlab.tracking import ROOT
 
     chosen = build(Settings, given.read(), seed=seed)
-    with output_folder(out):
+    local = "MLFLOW_TRACKING_URI" not in os.environ
+    with only_whole(ROOT) if local else nullcontext(), output_folder(out):
         result = run(chosen, out, say=_say)
     emit(result, as_json, readable(result["table"]))
 

@@ -182,7 +182,10 @@ def compare_strategies(
     Returns the curves of :func:`augment` and a summary: for each strategy ``labels_STRATEGY``
     (median labels to reach ``target``, infinite if it was not reached) and
     ``final_accuracy_STRATEGY``, and ``ratio`` = boundary / random labels (None if one is infinite).
+    Raises :class:`InputError` for a ``target`` that is no accuracy.
     """
+    if not 0 < target <= 1:
+        raise InputError(f"target = {target:g}; an accuracy lies above 0 and is at most 1")
     space = source.space
     designs = space.sample(test_designs, seed=2**31 - 1)
     truth = _label(source, designs)["foldable"]

@@ -9,6 +9,7 @@ the stranger's code. A directory appears whole or not at all.
 from __future__ import annotations
 
 import hashlib
+import io
 import json
 import math
 import os
@@ -232,7 +233,10 @@ def _save_network(model, directory: Path) -> dict:
     example = torch.ones(2, model.n_features_in_, dtype=torch.float64)
     designs = torch.export.Dim("designs")
     program = torch.export.export(module, (example,), dynamic_shapes=({0: designs},))
-    torch.export.save(program, directory / "network.pt2")
+    # By way of memory: torch's own writer ends the process where the disk is full.
+    archive = io.BytesIO()
+    torch.export.save(program, archive)
+    (directory / "network.pt2").write_bytes(archive.getbuffer())
     weights = {name: value.numpy() for name, value in module.state_dict().items()}
     np.savez(directory / "weights.npz", **weights)
     parameters = {k: v for k, v in model.get_params(deep=False).items() if k != "space"}

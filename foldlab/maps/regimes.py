@@ -22,6 +22,8 @@ from foldlab.learning.features import _columns_for, probability_of_folding
 
 SLICES = 9
 POINTS = 100_000
+# About 25 bytes each in the map itself and ten times that on the way; no picture shows more.
+MOST_POINTS = 10**7
 
 
 class Verdict(IntEnum):
@@ -155,7 +157,8 @@ def regime_map(
 
     ``slices``: values of ``slice_by``; by default nine from bound to bound on its own scale, which
     for the slenderness are 10^(−3 … −1) in steps of 10^0.25 (Fig. 4.28). ``fixed``: a value for
-    each remaining group of the space. ``points``: at least so many in total, on square slices.
+    each remaining group of the space. ``points``: at least so many in total, on square slices;
+    at most :data:`MOST_POINTS`.
     ``threshold``: predict folding where P ≥ threshold (Eq. 4.31); without one the classifier's own
     ``predict`` decides. ``executor`` serves sources that label one design at a time.
 
@@ -166,6 +169,8 @@ def regime_map(
     if slices is None:
         slices = space[slice_by].from_unit(np.linspace(0, 1, SLICES))
     slices = np.atleast_1d(np.asarray(slices, dtype=float))
+    if points > MOST_POINTS:
+        raise InputError(f"{points} points; a map has at most {MOST_POINTS}, more show nothing")
     side = int(np.ceil(np.sqrt(max(points, 1) / max(len(slices), 1)) - 1e-9))
     if points < 1 or len(slices) < 1:
         raise InputError(f"{points} points on {len(slices)} slices; give at least one of each")

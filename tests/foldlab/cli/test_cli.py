@@ -3,30 +3,13 @@
 import json
 import re
 import sqlite3
-import sys
 
 import pandas as pd
 import pytest
 from campaign_sources import Timed
 
-from foldlab.cli import app as cli
+from foldlab import __version__
 from foldlab.labels import solver as sources
-
-
-@pytest.fixture
-def foldlab(tmp_path, monkeypatch, capsys):
-    """Call the entry point in a fresh folder; returns (status, stdout, stderr)."""
-    monkeypatch.chdir(tmp_path)
-    monkeypatch.delenv("MLFLOW_TRACKING_URI", raising=False)
-
-    def call(line, *more):
-        monkeypatch.setattr(sys, "argv", ["foldlab", *line.split(), *more])
-        with pytest.raises(SystemExit) as end:
-            cli.main()
-        out = capsys.readouterr()
-        return end.value.code, out.out, out.err
-
-    return call
 
 
 def last_json(result):
@@ -190,8 +173,15 @@ BAD = {
     "bad range": ("design --range slenderness=3", "expected NAME=LOW:HIGH"),
     "unknown wish": ("design --want fold", "'fold'"),
     "angle alone": ("design --angle 1", "go together"),
-    "unknown option of the verb": ("sample -n 3 -o d.csv --sead 1", "No such option"),
-    "no verb": ("simulat", "No such command"),
+    "unknown option of the verb": (
+        "sample -n 3 -o d.csv --sead 1",
+        "sample has: -n, --out,",
+    ),
+    "no verb": ("simulat", "No such command 'simulat'; there are: sample, label, export"),
+    "far too many designs": ("sample -n 100000000000 -o big.csv", "at most 10000000 designs"),
+    "far too many points": ("map m -o a.png --points 1000000000", "a map has at most 10000000"),
+    "target above 1": ("augment -o a --target 1.5", "target = 1.5; an accuracy"),
+    "target of 0": ("augment -o a --target 0", "target = 0; an accuracy"),
     "bad plan": ("augment -o a --set cycles=0", "cycles = 0"),
     "bad search": ("tune l.parquet -o t --set width=[9,4]", "width = 9"),
     "bad quickstart": ("quickstart --set n_train=0", "n_train = 0"),
@@ -203,6 +193,8 @@ def test_bad_input_is_one_line_status_2_and_writes_nothing(foldlab, tmp_path, li
     foldlab("sample -n 60 -o d.parquet")
     foldlab("label d.parquet -o given.db")
     foldlab("export given.db -o l.parquet")
+    if line.startswith("map"):
+        foldlab("train l.parquet --model tree -o m")
     before = sorted(tmp_path.rglob("*"))
     status, out, err = foldlab(line)
     assert status == 2, err
@@ -257,9 +249,19 @@ def test_labels_of_one_kind_do_not_train(foldlab):
     assert "60 of 60 designs fold" in err
 
 
-def test_help_names_every_verb(foldlab):
-    status, out, _ = foldlab("--help")
-    assert status == 0
+def test_the_version_is_told(foldlab):
+    assert foldlab("--version") == (0, f"foldlab {__version__}\n", "")
+
+
+def test_every_verb_has_a_short_help(foldlab):
+    status, out, err = foldlab("design -h")
+    assert (status, err) == (0, "") and "--max-thickness" in out and "--config" in out
+
+
+@pytest.mark.parametrize("line", ["", "-h", "--help"])
+def test_help_names_every_verb(foldlab, line):
+    status, out, err = foldlab(line)
+    assert (status, err) == (0, "")
     for verb in [
         "quickstart",
         "sample",
