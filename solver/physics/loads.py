@@ -1,10 +1,15 @@
-"""Loads without stiffness: gravity (Eq. 4.2) and dead traction."""
+"""Loads without stiffness (gravity, Eq. 4.2; dead loads on faces, lines and nodes), and the springs
+of an elastic foundation."""
 
 from __future__ import annotations
 
-import numpy as np
+from dataclasses import dataclass
 
-from solver.mesh.body import Body, Surface
+import numpy as np
+import scipy.sparse as sp
+
+from solver.mesh.body import Body, NodeGraph, Surface
+from solver.mesh.lines import Line, node_numbers
 from solver.physics.fields import Quantity, Unphysical, resolve, varies
 from solver.physics.term import Evaluation
 
@@ -49,39 +54,146 @@ class Gravity:
         return Evaluation(energy, -weights if order >= 1 else None)
 
 
-class Traction:
-    """Dead traction t per reference area: energy −∫ t·u dA₀, no stiffness.
+class DeadLoad:
+    """A load per reference measure of facets, segments or nodes: energy −∫ t·u, no stiffness.
 
-    ``vector``: (3,), per facet (f, 3) or per point (f, q, 3), or a function (see
-    :mod:`solver.physics.fields`). Raises ValueError for another shape.
+    Made by :class:`Traction`, :class:`LineLoad` and :class:`PointLoad`. ``vector`` t: (3,), per
+    facet (f, 3) or per point (f, q, 3), or a function (see :mod:`solver.physics.fields`), such as
+    ``lambda e: e * t`` of a load that grows with e. Raises ValueError for another shape.
     """
 
     graph = None
     symmetric = True
 
-    def __init__(self, body: Body, surface: Surface, vector: Quantity, *, name: str = "traction"):
+    def __init__(self, body: Body, region: Surface | Line | Nodes, vector: Quantity, name: str):
         self.name = name
-        self.body, self.surface, self.vector = body, surface, vector
+        self.body, self.region, self.vector = body, region, vector
         self._memo = None
         self.loads(0.0)
 
     def loads(self, e: float) -> np.ndarray:
-        """∫ N_a t dA₀ of each node, (n, 3)."""
+        """∫ N_a t of each node, (n, 3)."""
         if self._memo is None or (self._memo[0] != e and varies(self.vector)):
-            s = self.surface
-            t = resolve("traction", self.vector, e, s.weights.shape, self._points, (3,))
+            r, shape = self.region, self.region.weights.shape
+            t = resolve(self.name, self.vector, e, shape, self._points, (3,))
             share = np.einsum(
-                "fq,fqk,fqi->fki", s.weights, s.shapes, np.broadcast_to(t, (*s.weights.shape, 3))
+                "fq,fqk,fqi->fki", r.weights, r.shapes, np.broadcast_to(t, (*shape, 3))
             )
             loads = np.zeros_like(self.body.nodes)
-            np.add.at(loads, s.nodes, share)
+            np.add.at(loads, r.nodes, share)
             self._memo = (e, loads)
         return self._memo[1]
 
     def _points(self) -> np.ndarray:
-        return np.einsum("fqk,fki->fqi", self.surface.shapes, self.body.nodes[self.surface.nodes])
+        return _positions(self.region, self.body)
 
     def evaluate(self, u: np.ndarray, e: float, order: int = 2) -> Evaluation:
         """Energy and force; u (n, 3)."""
         loads = self.loads(e)
         return Evaluation(-float((loads * u).sum()), -loads if order >= 1 else None)
+
+
+class Traction(DeadLoad):
+    """Dead traction on a face, force per reference area; see :class:`DeadLoad`."""
+
+    def __init__(self, body: Body, surface: Surface, vector: Quantity, *, name: str = "traction"):
+        super().__init__(body, surface, vector, name)
+
+
+class LineLoad(DeadLoad):
+    """Dead load on a line, force per reference length; see :class:`DeadLoad`.
+
+    ``vector`` may also be per segment (l, 3) or per point (l, q, 3).
+    """
+
+    def __init__(self, body: Body, line: Line, vector: Quantity, *, name: str = "line load"):
+        super().__init__(body, line, vector, name)
+
+
+@dataclass(frozen=True, eq=False)
+class Nodes:
+    """Nodes as a region of points: ``nodes`` (p, 1), ``shapes`` (p, 1, 1), ``weights`` (p, 1)."""
+
+    nodes: np.ndarray
+    shapes: np.ndarray
+    weights: np.ndarray
+
+
+class PointLoad(DeadLoad):
+    """Dead forces at nodes; see :class:`DeadLoad`.
+
+    ``nodes``: numbers, or a mask (n,). ``vector``: a force (3,) that each of them bears, or forces
+    (nodes, 3). A solid gives way without bound under it on ever finer meshes: where its own sink
+    matters, spread the load over a line or a face. Raises ValueError for nodes that don't exist.
+    """
+
+    def __init__(
+        self, body: Body, nodes: np.ndarray, vector: Quantity, *, name: str = "point load"
+    ):
+        at = node_numbers(nodes, len(body.nodes))[:, None]
+        super().__init__(body, Nodes(at, np.ones((*at.shape, 1)), np.ones(at.shape)), vector, name)
+
+
+class Foundation:
+    """Elastic (Winkler) foundation: springs from a face to where it stood, per reference area.
+
+    Energy ∫ ½ k_n (u·N)² + ½ k_t |u − (u·N) N|² dA₀ with the reference normal N; ``normal`` k_n and
+    ``tangential`` k_t ≥ 0 in stress per length, constant, per facet (f,) or per point (f, q), or a
+    function (see :mod:`solver.physics.fields`). The springs keep their directions. They pull as
+    they push: for a ground that a body leaves take :class:`solver.physics.ground.Ground`.
+
+    Raises ValueError for another shape and a negative stiffness.
+    """
+
+    symmetric = True
+
+    def __init__(
+        self,
+        body: Body,
+        surface: Surface,
+        normal: Quantity,
+        tangential: Quantity = 0.0,
+        *,
+        name: str = "foundation",
+    ):
+        self.name = name
+        self.body, self.surface = body, surface
+        self.normal, self.tangential = normal, tangential
+        self.graph = NodeGraph.of(len(body.nodes), surface.nodes)
+        self._memo = None
+        self._matrix(0.0)
+
+    def _matrix(self, e: float) -> sp.bsr_array:
+        """The stiffness at the load e: the same at any displacement."""
+        still = not (varies(self.normal) or varies(self.tangential))
+        if self._memo is None or (self._memo[0] != e and not still):
+            s, g = self.surface, self.graph
+            k = []
+            for what, value in (("normal", self.normal), ("tangential", self.tangential)):
+                given = resolve(what, value, e, s.weights.shape, lambda: _positions(s, self.body))
+                if not (given >= 0).all():
+                    raise Unphysical(
+                        f"{what} stiffness = {given.min():g} at e = {e:g}; expected >= 0: a "
+                        "foundation pulls back"
+                    )
+                k.append(given[..., None, None])
+            NN = s.normals[..., :, None] * s.normals[..., None, :]
+            D = s.weights[..., None, None] * (k[0] * NN + k[1] * (np.eye(3) - NN))
+            blocks = np.zeros((g.blocks, 3, 3))
+            pairs = np.einsum("fqa,fqb,fqij->fabij", s.shapes, s.shapes, D, optimize=True)
+            np.add.at(blocks, g.positions(s.nodes), pairs)
+            matrix = sp.bsr_array((blocks, g.indices, g.indptr), shape=(3 * g.n, 3 * g.n))
+            self._memo = (e, matrix)
+        return self._memo[1]
+
+    def evaluate(self, u: np.ndarray, e: float, order: int = 2) -> Evaluation:
+        """Energy, force (n, 3) and blocks on the surface's graph; u (n, 3)."""
+        K = self._matrix(e)
+        force = (K @ u.ravel()).reshape(-1, 3)
+        energy = 0.5 * float((force * u).sum())
+        return Evaluation(energy, force if order >= 1 else None, K.data if order >= 2 else None)
+
+
+def _positions(region, body: Body) -> np.ndarray:
+    """Reference positions of a region's points, (f, q, 3)."""
+    return np.einsum("fqk,fki->fqi", region.shapes, body.nodes[region.nodes])

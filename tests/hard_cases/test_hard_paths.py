@@ -5,7 +5,7 @@ Bars and functions have closed forms; solids repeat the hardest of them.
 
 import numpy as np
 import pytest
-from path_toys import Bars, Nodes, Pull, column, function_scene, truss, truss_load, truss_on_spring
+from path_toys import Bars, Nodes, column, function_scene, truss, truss_load, truss_on_spring
 from reference_scenes import AXES, held, near
 from reference_structures import arch
 
@@ -18,7 +18,7 @@ from solver.paths.continuation import load, trace
 from solver.paths.stable import StableSteps
 from solver.paths.steppers import ArcLength, LoadSteps
 from solver.physics.elastic import Elastic
-from solver.physics.loads import Traction
+from solver.physics.loads import PointLoad, Traction
 from solver.physics.materials import NeoHookean
 from solver.physics.supports import Fixed
 
@@ -165,11 +165,12 @@ def crooked_arch():
     """Two shallow trusses on one another's backs, unlike: bars over five nodes in a plane."""
     X = np.array([[-1.0, 0, 0], [-0.4, 0.12, 0], [0.1, 0.15, 0], [0.6, 0.1, 0], [1.0, 0, 0]])
     bars = [[0, 1], [1, 2], [2, 3], [3, 4], [0, 2], [2, 4]]
-    P = np.zeros((5, 3))
-    P[1:4, 1] = -np.array([0.6, 1.0, 0.9]) * 1e-2
+    P = np.outer([-0.6e-2, -1e-2, -0.9e-2], AXES[1])
     ends, every = np.array([0, 4]), np.arange(5)
     fixed = [Fixed(ends, AXES[0]), Fixed(ends, AXES[1]), Fixed(every, AXES[2])]
-    return Scene(Nodes(X, 2.0), [Bars(X, bars, 1.0), Pull(P)], fixed=fixed)
+    body = Nodes(X, 2.0)
+    load = PointLoad(body, [1, 2, 3], lambda e: e * P)
+    return Scene(body, [Bars(X, bars, 1.0), load], fixed=fixed)
 
 
 def test_every_point_of_a_looping_path_is_what_it_says():

@@ -6,6 +6,7 @@ import numpy as np
 
 from solver.equilibrium.scene import Scales, Scene
 from solver.mesh.body import NodeGraph
+from solver.physics.loads import PointLoad
 from solver.physics.supports import Fixed
 from solver.physics.term import Evaluation
 
@@ -59,18 +60,6 @@ class Bars:
         return Evaluation(energy, force, blocks)
 
 
-class Pull:
-    """Dead forces P (nodes, 3) times e."""
-
-    symmetric, graph, name = True, None, "pull"
-
-    def __init__(self, P):
-        self.P = np.asarray(P, dtype=float)
-
-    def evaluate(self, u, e, order=2):
-        return Evaluation(-e * float((self.P * u).sum()), -e * self.P)
-
-
 class Function:
     """E(q, e), its gradient and Hessian; q the x displacements of all nodes. None: no energy."""
 
@@ -107,11 +96,11 @@ def function_scene(n, energy, gradient, hessian, symmetric=True):
 def truss(rise=0.1):
     """Von Mises truss, half span 1, EA = 1; e = P / 2EA, downward at the crown (free: y)."""
     X = np.array([[-1.0, 0, 0], [0, rise, 0], [1, 0, 0]])
-    P = np.zeros((3, 3))
-    P[1, 1] = -2.0
     ends, crown = np.array([0, 2]), np.array([1])
     fixed = [Fixed(ends, d) for d in np.eye(3)] + [Fixed(crown, d) for d in np.eye(3)[[0, 2]]]
-    return ToyScene(Nodes(X, 2.0), [Bars(X, [[0, 1], [1, 2]], 1.0), Pull(P)], fixed=fixed)
+    body = Nodes(X, 2.0)
+    load = PointLoad(body, crown, lambda e: (0, -2 * e, 0))
+    return ToyScene(body, [Bars(X, [[0, 1], [1, 2]], 1.0), load], fixed=fixed)
 
 
 def truss_load(w, rise=0.1):

@@ -5,14 +5,14 @@ from reference_scenes import AXES, held, modulus, near, strip
 
 from solver.equilibrium.scene import Scene
 from solver.mesh.body import Body
+from solver.mesh.lines import Line
 from solver.mesh.structured import box, graded, polar
 from solver.physics.elastic import Elastic
 from solver.physics.ground import Ground
 from solver.physics.growth import General
-from solver.physics.loads import Gravity, Traction
+from solver.physics.loads import Gravity, LineLoad, Traction
 from solver.physics.materials import NeoHookean
 from solver.physics.supports import Fixed, Row, rotation_row
-from solver.physics.term import Evaluation
 
 # Means over lines of one or two quadratic elements, by their number of nodes.
 SIMPSON = {3: np.array([1, 4, 1]) / 6, 5: np.array([1, 4, 2, 4, 1]) / 12}
@@ -63,7 +63,7 @@ def arch(*, hinged, n=16, e_to=1.0, whole=False, h=0.1875):
         fixed += [Fixed(np.flatnonzero(np.abs(X[:, 0]) < 1e-9), AXES[0])]
     crown = np.flatnonzero((np.abs(X[:, 0]) < 1e-9) & (np.abs(radius - R) < 1e-6))
     share = 1.0 if whole else 0.5
-    load = NodeLoad(body, crown, lambda e: [0, -e * e_to * share, 0], across=2)
+    load = LineLoad(body, Line.of(body, crown), lambda e: (0, -e * e_to * share, 0))
     return Scene(body, [Elastic(body, NeoHookean(1e7, 0.0)), load], fixed=fixed, rows=rows), crown
 
 
@@ -83,28 +83,9 @@ def roof(*, h=12.7, n=6, e_to=3.0):
     rows = hinge(body, np.flatnonzero(np.abs(at - angles[0]) < 1e-9), radius, (0, 1, 2))
     fixed = [*held(body, 0, 0.0, 0), *held(body, 2, 0.0, 2)]
     crown = np.flatnonzero((np.abs(X[:, 0]) < 1e-6) & (np.abs(X[:, 2]) < 1e-6))
-    load = NodeLoad(body, crown, lambda e: [0, -e * e_to * 1000 / 4, 0], across=1)
+    load = LineLoad(body, Line.of(body, crown), lambda e: (0, -e * e_to * 1000 / 4 / h, 0))
     term = Elastic(body, NeoHookean(3102.75, 0.3))
     return Scene(body, [term, load], fixed=fixed, rows=rows), crown
-
-
-class NodeLoad:
-    """A dead force shared by the nodes of a line along an axis, as a uniform line load would."""
-
-    name, graph, symmetric = "node load", None, True
-
-    def __init__(self, body, nodes, force, across=None):
-        self.force, self.n = force, len(body.nodes)
-        share = np.ones(len(nodes)) / len(nodes)
-        if across is not None:
-            share, nodes = SIMPSON[len(nodes)], nodes[np.argsort(body.nodes[nodes, across])]
-        self.nodes, self.share = nodes, share
-
-    def evaluate(self, u, e, order=2):
-        f = np.asarray(self.force(e), dtype=float)
-        force = np.zeros((self.n, 3))
-        force[self.nodes] = -self.share[:, None] * f
-        return Evaluation(float((force * u).sum()), force, None)
 
 
 def column(*, h=0.02, n=10, end_load=0.0, weight=0.0):
@@ -150,7 +131,7 @@ def frame(*, n=(6, 2, 6), corner=2.0):
     rows += hinge(body, body.nodes_where(near(0, L)), X[:, 1], (0, 1))
     fixed = [*held(body, 2, 0.0, 2), *held(body, 2, 1.0, 2)]
     at = body.nodes_where(lambda X: np.abs(X[:, :2] - (24, L)).max(axis=1) < 1e-9)
-    load = NodeLoad(body, at, lambda e: [0, -e, 0], across=2)
+    load = LineLoad(body, Line.of(body, at), lambda e: (0, -e, 0))
     return Scene(body, [Elastic(body, NeoHookean(2160.0, 0.0)), load], fixed=fixed, rows=rows), at
 
 
