@@ -103,6 +103,11 @@ def from_model() -> skfem.Mesh:
         cells.append(part)
         count += len(part)
     cells = np.concatenate(cells)  # (m, n) rows of X
+    # Format 2.2 has a cell once for each group that its volume is in.
+    _, once, same = np.unique(np.sort(cells), axis=0, return_index=True, return_inverse=True)
+    order_of = np.argsort(np.argsort(once))[same.ravel()]
+    cells = cells[np.sort(once)]
+    of_volume = {volume: np.unique(order_of[ids]) for volume, ids in of_volume.items()}
     # Corners in scikit-fem's order, found by their reference positions.
     at = [_nearest(local, p) for p in first.elem.refdom.p.T]
     t = cells[:, at].T

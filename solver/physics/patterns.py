@@ -6,6 +6,8 @@ A pattern answers at any positions (..., 3) within its reach, so it may stand fo
 
 from __future__ import annotations
 
+import csv
+import re
 from pathlib import Path
 
 import numpy as np
@@ -16,10 +18,11 @@ from scipy.spatial import QhullError, cKDTree
 class Pattern:
     """A scalar field interpolated linearly from a file, in the units of the mesh it is for.
 
-    Between the data points of a CSV linearly; beyond their hull the nearest one counts within
-    ``reach``, by default twice the median distance of the data points to their neighbours, so that
-    a field sampled along a curved body's surface covers it. Answers raise ValueError for positions
-    that the data doesn't cover.
+    Points that coincide, as where each cell of a file has nodes of its own, count once with the
+    mean of their values. Between the data points linearly; beyond their hull the nearest one
+    counts within ``reach``, by default twice the median distance of the data points to their
+    neighbours, so that a field sampled along a curved body's surface covers it. Answers raise
+    ValueError for positions that the data doesn't cover.
     """
 
     def __init__(self, points: np.ndarray, values: np.ndarray, *, name: str = "field", reach=None):
@@ -30,11 +33,12 @@ class Pattern:
             raise ValueError(
                 f"{name}: points {points.shape} and values {values.shape}; expected (n, 3) and (n,)"
             )
-        if len(points) < 4:
-            raise ValueError(f"{name} has {len(points)} points; expected at least four")
         if not (np.isfinite(points).all() and np.isfinite(values).all()):
             row = int(np.flatnonzero(~(np.isfinite(points).all(1) & np.isfinite(values)))[0])
             raise ValueError(f"{name} is not finite at its point {row}; mend the file")
+        points, values = _merged(points, values)
+        if len(points) < 4:
+            raise ValueError(f"{name} has {len(points)} points; expected at least four")
         self.name, self.values = name, values
         self._tree = cKDTree(points)
         self.reach = reach or 2 * float(np.median(self._tree.query(points, k=2)[0][:, 1]))
@@ -64,54 +68,92 @@ class Pattern:
         return out.reshape(X.shape[:-1])
 
 
+def _merged(points: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Points that differ by more than rounding, and the mean of the values at each."""
+    if not len(points):
+        return points, values
+    low = points.min(axis=0)
+    grain = 1e-9 * float((points - low).max()) or 1.0
+    _, first, same = np.unique(
+        np.round((points - low) / grain), axis=0, return_index=True, return_inverse=True
+    )
+    same = same.ravel()
+    return points[first], np.bincount(same, weights=values) / np.bincount(same)
+
+
 def read_pattern(path: str | Path, field: str = "beta", *, reach: float | None = None) -> Pattern:
     """The pattern in a CSV with columns x, y, z and ``field``, or the point field of a VTU.
 
-    Raises ValueError for another suffix, a missing file, column or field, and entries that are no
-    numbers.
+    Raises ValueError for another suffix, a missing or damaged file, a missing column or field, and
+    entries of these that are no numbers; other columns may hold anything.
     """
     path = Path(path)
     if not path.is_file():
         raise ValueError(f"there is no file {path}; give a .csv or .vtu with the field {field!r}")
-    if path.suffix == ".csv":
+    if path.suffix.lower() == ".csv":
         return _read_csv(path, field, reach)
-    if path.suffix == ".vtu":
+    if path.suffix.lower() == ".vtu":
         return _read_vtu(path, field, reach)
     raise ValueError(f"{path.name}: expected a name that ends in .csv or .vtu")
 
 
 def _read_csv(path, field, reach):
-    lines = path.read_text(encoding="utf-8-sig").splitlines()
-    header = [name.strip() for name in lines[0].split(",")] if lines else []
-    wanted = ["x", "y", "z", field]
-    missing = [name for name in wanted if name not in header]
-    if missing:
-        raise ValueError(
-            f"{path.name} has no column {missing[0]!r}; there are: {', '.join(header) or 'none'}; "
-            f"expected {', '.join(wanted)}"
-        )
     try:
-        table = np.loadtxt(lines[1:], delimiter=",", ndmin=2, comments=None)
-        columns = [table[:, header.index(name)] for name in wanted]
-    except (ValueError, IndexError) as error:
-        raise ValueError(f"{path.name} is no table of numbers: {error}") from error
-    return Pattern(np.stack(columns[:3], axis=1), columns[3], name=path.name, reach=reach)
+        with path.open(encoding="utf-8-sig", newline="") as file:
+            rows = [row for row in csv.reader(file, skipinitialspace=True) if any(row)]
+    except (csv.Error, UnicodeDecodeError) as error:
+        raise ValueError(f"{path.name} is no table of text: {error}") from error
+    header = [name.strip() for name in rows[0]] if rows else []
+    wanted = ["x", "y", "z", field]
+    for name in wanted:
+        if header.count(name) != 1:
+            raise ValueError(
+                f"{path.name} has {'no' if name not in header else 'more than one'} column "
+                f"{name!r}; there are: {', '.join(header) or 'none'}; expected {', '.join(wanted)}"
+            )
+    columns = [header.index(name) for name in wanted]
+    table = np.empty((len(rows) - 1, 4))
+    for k, row in enumerate(rows[1:]):
+        try:
+            if any(row[len(header) :]):
+                raise ValueError(f"{len(row)} cells below a header of {len(header)}")
+            table[k] = [float(row[column]) for column in columns]
+        except (ValueError, IndexError) as error:
+            raise ValueError(f"{path.name} is no table of numbers in row {k}: {error}") from error
+    return Pattern(table[:, :3], table[:, 3], name=path.name, reach=reach)
 
 
 def _read_vtu(path, field, reach):
     from vtkmodules.util.numpy_support import vtk_to_numpy
+    from vtkmodules.vtkCommonCore import vtkLogger, vtkOutputWindow, vtkStringOutputWindow
     from vtkmodules.vtkIOXML import vtkXMLUnstructuredGridReader
 
     reader = vtkXMLUnstructuredGridReader()
     reader.SetFileName(str(path))
-    reader.Update()
+    # VTK raises nothing: what it says instead tells a damaged file from one without the field.
+    said, before = vtkStringOutputWindow(), vtkOutputWindow.GetInstance()
+    verbosity = vtkLogger.GetCurrentVerbosityCutoff()
+    vtkOutputWindow.SetInstance(said)
+    vtkLogger.SetStderrVerbosity(vtkLogger.VERBOSITY_OFF)
+    try:
+        reader.Update()
+    finally:
+        vtkLogger.SetStderrVerbosity(verbosity)
+        vtkOutputWindow.SetInstance(before)
     grid = reader.GetOutput()
+    # The first complaint is the cause, those after it follow from it.
+    complaint = re.search(r"\): (.+)", said.GetOutput())
+    if complaint or not grid.GetNumberOfPoints():
+        why = complaint[1] if complaint else "it has no points"
+        raise ValueError(f"{path.name} is damaged, or no VTU ({why}); write it again")
     data = grid.GetPointData()
-    names = [data.GetArrayName(i) for i in range(data.GetNumberOfArrays())]
-    if field not in names:
+    # Arrays of words are None here.
+    arrays = [a for i in range(data.GetNumberOfArrays()) if (a := data.GetArray(i))]
+    numbers = {array.GetName(): vtk_to_numpy(array) for array in arrays if array.GetName()}
+    if field not in numbers:
         raise ValueError(
-            f"{path.name} has no point field {field!r}; there are: {', '.join(names) or 'none'}"
+            f"{path.name} has no point field {field!r} of numbers; "
+            f"there are: {', '.join(numbers) or 'none'}"
         )
-    values = vtk_to_numpy(data.GetArray(field))
     points = vtk_to_numpy(grid.GetPoints().GetData())
-    return Pattern(points, values, name=path.name, reach=reach)
+    return Pattern(points, numbers[field], name=path.name, reach=reach)

@@ -278,7 +278,9 @@ def test_bad_fields_are_refused(tmp_path):
     (tmp_path / "words.csv").write_text("x,y,z,beta\n1,2,3,much\n")
     with pytest.raises(ValueError, match=r"words\.csv is no table of numbers"):
         read_pattern(tmp_path / "words.csv")
-    with pytest.raises(ValueError, match="no point field 'beta'; there are: displacement"):
+    with pytest.raises(
+        ValueError, match="no point field 'beta' of numbers; there are: displacement"
+    ):
         read_pattern(write_vtu(tmp_path / "b.vtu", model.body, 0 * X))
     with pytest.raises(ValueError, match="there is no file"):
         read_pattern(tmp_path / "none.csv")
