@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from proofs import slope
 from pytest import approx
+from scipy.optimize import brentq
 
 from solver.physics.growth import AlongFibre, Apical, General, Isotropic, Orthotropic
 from solver.physics.materials import (
@@ -14,6 +15,7 @@ from solver.physics.materials import (
     StVenantKirchhoff,
     lame,
 )
+from solver.physics.rubber import MooneyRivlin
 
 E, NU = 2.0, 0.3
 FIBRES = [
@@ -25,6 +27,7 @@ MATERIALS = {
     "St Venant-Kirchhoff": StVenantKirchhoff(E, NU),
     "small strain": SmallStrain(E, NU),
     "fibres": FibreReinforced(E, NU, FIBRES),
+    "Mooney-Rivlin": MooneyRivlin(lambda e: 0.2 + e, 0.3, 0.4),
 }
 
 
@@ -52,8 +55,9 @@ def test_all_materials_share_the_small_strain_moduli():
     C += mu * np.einsum("il,jk->ijkl", I, I)
     stress = np.einsum("ijkl,kl", C, np.diag([1, -NU, -NU]))
     np.testing.assert_allclose(stress, np.diag([E, 0, 0]), atol=1e-14)  # a bar in tension
-    for name in ("neo-Hookean", "St Venant-Kirchhoff", "small strain"):
-        np.testing.assert_allclose(MATERIALS[name].response(I)[2], C, atol=1e-14)
+    rubber = MooneyRivlin(0.7 * mu / 2, 0.3 * mu / 2, NU)
+    for material in (*(MATERIALS[n] for n in list(MATERIALS)[:3]), rubber):
+        np.testing.assert_allclose(material.response(I)[2], C, atol=1e-14)
     a = np.array([1, 1, 0]) / np.sqrt(2)
     one = FibreReinforced(E, NU, FIBRES[:1]).response(I)[2]
     # ψ = k₁/2 (I₄ − 1)² gives 4 k₁ a⊗a⊗a⊗a at F = I
@@ -78,9 +82,39 @@ def test_slack_fibres_carry_no_compression():
     assert P[0, 0] - plain[1][0, 0] == approx(2 * x * np.exp(x**2) * 1.2)
 
 
+def test_a_rubber_without_c01_is_neo_hookean():
+    F = np.eye(3) + np.random.default_rng(2).uniform(-0.3, 0.3, (4, 3, 3))
+    mu = lame(E, NU)[1]
+    pairs = zip(
+        MooneyRivlin(mu / 2, 0.0, NU).response(F), NeoHookean(E, NU).response(F), strict=True
+    )
+    for mine, other in pairs:
+        np.testing.assert_allclose(mine, other, atol=1e-14)
+
+
+@pytest.mark.parametrize("equal", [1, 2], ids=["uniaxial", "equibiaxial"])
+def test_rubber_stretched_along_one_and_two_axes(equal):
+    # Rivlin (1948): incompressible, P = 2 (1 − λ⁻³)(λ c₁₀ + c₀₁) along one axis and
+    # 2 (λ − λ⁻⁵)(c₁₀ + c₀₁ λ²) along two; ν = 0.49999 is off by the order of 1 − 2ν.
+    c10, c01 = 0.4, 0.1
+    rubber = MooneyRivlin(c10, c01, 0.49999)
+    for stretch in (0.6, 1.3, 2.5):
+
+        def state(free, stretch=stretch):
+            F = np.diag([stretch] * equal + [free] * (3 - equal))
+            return rubber.response(F, order=1)[1]
+
+        free = brentq(lambda b: state(b)[2, 2], 0.9 * stretch ** (-equal / (3 - equal)), 3.0)
+        exact = [
+            2 * (1 - stretch**-3) * (stretch * c10 + c01),
+            2 * (stretch - stretch**-5) * (c10 + c01 * stretch**2),
+        ][equal - 1]
+        assert state(free)[0, 0] == approx(exact, rel=3e-4)
+
+
 def test_states_that_are_not_admissible():
     F = np.stack([np.eye(3), np.diag([1, 1, -0.1]), np.diag([1, 1, 0.0]), 1.1 * np.eye(3)])
-    for name in ("neo-Hookean", "fibres"):
+    for name in ("neo-Hookean", "fibres", "Mooney-Rivlin"):
         psi, P, A = MATERIALS[name].response(F)
         np.testing.assert_array_equal(np.isinf(psi), [False, True, True, False])
         assert np.isfinite(P[[0, 3]]).all() and np.isfinite(A[[0, 3]]).all()

@@ -18,6 +18,7 @@ from solver.physics.materials import (
     StVenantKirchhoff,
 )
 from solver.physics.pressure import Pressure
+from solver.physics.rubber import MooneyRivlin
 from solver.physics.supports import Fixed
 
 E, NU = 2.0, 0.3
@@ -30,9 +31,10 @@ MATERIALS = {
     "St Venant-Kirchhoff": StVenantKirchhoff(E, NU),
     "small strain": SmallStrain(E, NU),
     "fibres": FibreReinforced(E, NU, FIBRES),
+    "Mooney-Rivlin": MooneyRivlin(lambda e: 0.2 + e, 0.3, 0.4),
     "moving fields": NeoHookean(lambda e, X: 1 + e * X[..., 0], lambda e: 0.2 * e),
 }
-OBJECTIVE = ["neo-Hookean", "St Venant-Kirchhoff", "fibres"]
+OBJECTIVE = ["neo-Hookean", "St Venant-Kirchhoff", "fibres", "Mooney-Rivlin"]
 
 
 def growth(body):
@@ -366,6 +368,11 @@ SOLID = NeoHookean(E, NU)
         (lambda: Elastic(BODY, NeoHookean(lambda e: e - 1, NU)), "expected E > 0"),
         (lambda: Elastic(BODY, NeoHookean(np.ones(M + 1), NU)), r"E gave shape \(5,\); expected"),
         (lambda: FibreReinforced(E, NU, []), "no fibre family"),
+        (lambda: MooneyRivlin(-1.0, 2.0, 0.4), "c10 = -1, c01 = 2; expected both >= 0"),
+        (lambda: MooneyRivlin(0.0, 0.0, 0.4), "not both 0"),
+        (lambda: MooneyRivlin(1.0, 0.0, 0.5), "nu = 0.5; expected -1 < nu < 0.5"),
+        (lambda: MooneyRivlin(1.0, 1.0, 0.2), "nu = 0.2; expected nu >= .* = 0.25"),
+        (lambda: Elastic(BODY, MooneyRivlin(1.0, lambda e: e - 1, 0.4)), "c01 = -1; expected"),
         (lambda: FibreReinforced(E, NU, [Fibre((1, 0, 0), -1, 0.0, False)]), "expected k1 > 0"),
         (lambda: FibreReinforced(E, NU, [Fibre((1, 0, 0), 1, -1.0, False)]), "expected k2 >= 0"),
         (
