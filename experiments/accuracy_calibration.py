@@ -125,11 +125,11 @@ def verdict(accuracy: float, frame: pd.DataFrame) -> dict[str, Any]:
 
 
 def interval(hits: int, of: int) -> list[float] | None:
-    """Wilson's 95 % interval of a share."""
+    """Wilson's 95 % interval of a fraction."""
     if not of:
         return None
-    found = binomtest(hits, of).proportion_ci(method="wilson")
-    return [round(float(found.low), 3), round(float(found.high), 3)]
+    interval = binomtest(hits, of).proportion_ci(method="wilson")
+    return [round(float(interval.low), 3), round(float(interval.high), 3)]
 
 
 def picture(frame: pd.DataFrame) -> Figure:

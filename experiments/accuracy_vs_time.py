@@ -77,12 +77,12 @@ def run(config: Config, tracker) -> dict[str, Any]:
     if config.reference not in range(1, paths.FINEST + 1):
         raise InputError(f"reference {config.reference}; expected 1 to {paths.FINEST}")
     with threadpool_limits(1):
-        found = _parts(config, tracker)
-    choose = chosen(found)
+        results = _parts(config, tracker)
+    choose = chosen(results)
     tracker.table("choose", pd.DataFrame(choose))
     for row in choose:
         print(row, file=sys.stderr)
-    return {"choose": choose, **found, "table": choose}
+    return {"choose": choose, **results, "table": choose}
 
 
 def _parts(config: Config, tracker) -> dict[str, Any]:
@@ -122,7 +122,7 @@ def _parts(config: Config, tracker) -> dict[str, Any]:
     return out
 
 
-def chosen(found: dict[str, Any]) -> list[dict[str, Any]]:
+def chosen(results: dict[str, Any]) -> list[dict[str, Any]]:
     """What to take for what, from the measured rows: a row per use, its accuracy and its cost."""
     rows = []
     for use, source, how in (
@@ -133,7 +133,7 @@ def chosen(found: dict[str, Any]) -> list[dict[str, Any]]:
         ("a design to be built", labels.FINEST, FINE),
         ("a symmetry in doubt", "whole, 2 %", "--source solver --set seed=0"),
     ):
-        for row in found.get("ladder", ()):
+        for row in results.get("ladder", ()):
             if row["source"] == source:
                 low, high = row["disagreement_low"], row["disagreement_high"]
                 wrong = f"{row['wrong']} of {row['compared']} ({low:.1%} to {high:.1%})"
@@ -146,8 +146,8 @@ def chosen(found: dict[str, Any]) -> list[dict[str, Any]]:
                         f"{row['labels_per_hour']:.0f} labels per core-hour",
                     }
                 )
-    if found.get("classifiers"):
-        table = pd.DataFrame(found["classifiers"])
+    if results.get("classifiers"):
+        table = pd.DataFrame(results["classifiers"])
         full = table[table["labels"] == table["labels"].max()]
         best = full.loc[full["accuracy"].idxmax()]
         rows.append(
@@ -161,7 +161,7 @@ def chosen(found: dict[str, Any]) -> list[dict[str, Any]]:
                 f"{best['seconds_per_million']:.3g} s per million",
             }
         )
-    for row in _cheapest(found.get("elements", [])):
+    for row in _cheapest(results.get("elements", [])):
         rows.append(row)
     return rows or [{"for": "–", "take": "parts a, d or e make rows", "wrong": "–", "costs": "–"}]
 

@@ -1,8 +1,8 @@
 """Which model predicts foldability best, and what does its accuracy cost in labels and seconds?
 
 The table of the README: median over seeds, 6000 training and 1000 test designs (§4.7), every
-accuracy also on fresh designs; then the network at a stated false-positive rate, and the share of
-proposed designs that the source confirms.
+accuracy also on fresh designs; then the network at a stated false-positive rate, and the fraction
+of proposed designs that the source confirms.
 """
 
 from __future__ import annotations
@@ -67,7 +67,7 @@ def run(config: Config, tracker) -> dict[str, Any]:
             "network's: add network"
         )
     source = TimoshenkoSource()
-    rows, points, shares, front = [], [], [], None
+    rows, points, fractions, front = [], [], [], None
     for seed in range(config.seed, config.seed + config.seeds):
         train, test, fresh, calibration = (
             source.evaluate(REDUCED.sample(n, seed=1000 * k + seed))
@@ -103,7 +103,7 @@ def run(config: Config, tracker) -> dict[str, Any]:
             inverse.propose(Wish(), network, config.proposals, seed=seed), source, seed=seed
         )
         whole = sum(p.box_confirmed is True for p in answer.proposals) / len(answer.proposals)
-        shares.append(
+        fractions.append(
             {
                 "seed": seed,
                 "proposals": len(answer.proposals),
@@ -139,7 +139,7 @@ def run(config: Config, tracker) -> dict[str, Any]:
     out = {
         "table": table,
         "operating_point": _medians(points),
-        "inverse": _medians(shares),
+        "inverse": _medians(fractions),
     }
     if front is not None:
         figure = plot_pareto(

@@ -73,7 +73,7 @@ def run(config: Config, tracker) -> dict[str, Any]:
 
 
 def follow(config: Config, model: creep.Model, steps: str, stress: float):
-    """One history: a row with its largest errors as shares of the exact peak, and its curve."""
+    """One history: a row with its largest errors as fractions of the exact peak, and its curve."""
     order = int(steps[-1])
     if steps.startswith("fixed"):
         stepper = TimeSteps(1e-10, config.step, order=order)
@@ -86,11 +86,11 @@ def follow(config: Config, model: creep.Model, steps: str, stress: float):
         path = evolve(scene, start(scene), stepper, until=config.until, breaks=(creep.END,))
     seconds = time.perf_counter() - clock
     t = path.times[1:]
-    found = np.array([creep.strains(scene, s.x) for s in path.states[1:]]) / stress
+    strains = np.array([creep.strains(scene, s.x) for s in path.states[1:]]) / stress
     exact = np.stack(model.exact(t), axis=1)
     dense = np.linspace(0, config.until, 2001)[1:]
     peak = np.abs(model.exact(dense)[0]).max()
-    off = np.abs(found - exact).max(axis=0) / peak
+    off = np.abs(strains - exact).max(axis=0) / peak
     row = {
         "model": model.name,
         "steps": steps,
@@ -106,7 +106,7 @@ def follow(config: Config, model: creep.Model, steps: str, stress: float):
         "outcome": path.outcome.value,
     }
     names = {"model": model.name, "steps": steps, "t": t}
-    return row, pd.DataFrame({**names, "axial": found[:, 0], "lateral": found[:, 1]})
+    return row, pd.DataFrame({**names, "axial": strains[:, 0], "lateral": strains[:, 1]})
 
 
 def plot(config: Config, curves: pd.DataFrame):

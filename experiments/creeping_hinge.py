@@ -48,9 +48,9 @@ TINY = Config(shares=(0.5,), contraction=0.02, until=1.0, tolerance=1e-2)
 
 def run(config: Config, tracker) -> dict[str, Any]:
     rows, curves = [], []
-    for share in config.shares:
+    for fraction in config.shares:
         for weight in (True, False):
-            row, curve = follow(config, share, weight)
+            row, curve = follow(config, fraction, weight)
             print(row, file=sys.stderr)
             rows.append(row)
             curves.append(curve)
@@ -63,7 +63,7 @@ def run(config: Config, tracker) -> dict[str, Any]:
     return {"table": rows, "curves": curves.to_dict("records")}
 
 
-def follow(config: Config, share: float, weight: bool):
+def follow(config: Config, fraction: float, weight: bool):
     """The path of one hinge: its row, and fold angle and height of the panel's end over time."""
     unit = Unit(
         E_ratio=0.1, rho_ratio=1.0, hinge_length=0.25, hinge_width=1.0, h_ratio=5.0,
@@ -75,7 +75,7 @@ def follow(config: Config, share: float, weight: bool):
     hinge = model.body.cells_where(lambda X: np.abs(X[:, 1]) < unit.hinge_length / 2)
     E = np.where(model.body.cells_of("active"), unit.E_ratio, 1.0)
     clock = time.perf_counter()
-    branch = SLS((1 - share) * E, share * E, unit.nu, share * E)  # η/E_m = 1
+    branch = SLS((1 - fraction) * E, fraction * E, unit.nu, fraction * E)  # η/E_m = 1
     scene = softened(model.scene, branch, dt=config.t_fin / 20, cells=hinge)
     stepper = TimeSteps(1e-7, config.t_fin / 20, tolerance=config.tolerance)
     path = evolve(
@@ -91,7 +91,7 @@ def follow(config: Config, share: float, weight: bool):
     ]
     folded = int(np.searchsorted(path.times, config.t_fin * (1 - 1e-9)))
     row = {
-        "share": share,
+        "share": fraction,
         "weight": weight,
         "folded": angles[folded],
         "at_last": angles[-1],
@@ -102,7 +102,7 @@ def follow(config: Config, share: float, weight: bool):
         "seconds": time.perf_counter() - clock,
         "outcome": path.outcome.value,
     }
-    names = {"share": share, "weight": weight, "t": path.times}
+    names = {"share": fraction, "weight": weight, "t": path.times}
     return row, pd.DataFrame({**names, "angle": angles})
 
 
@@ -114,10 +114,10 @@ def plot(curves: pd.DataFrame):
     with mpl.rc_context(STYLE):
         figure = Figure(figsize=(4.6, 2.9), layout="constrained")
         ax = figure.subplots()
-        for colour, (share, part) in zip(LINES, curves.groupby("share"), strict=False):
+        for colour, (fraction, part) in zip(LINES, curves.groupby("share"), strict=False):
             for weight, style in ((True, "-"), (False, "--")):
                 rows = part[(part["weight"] == weight) & (part["t"] > 0)]
-                text = f"{share:.0%} relaxes" + ("" if weight else ", no weight")
+                text = f"{fraction:.0%} relaxes" + ("" if weight else ", no weight")
                 ax.semilogx(rows["t"], rows["angle"], style, color=colour, lw=1, label=text)
         ax.set_xlabel(r"time over relaxation time $t E_m/\eta$")
         ax.set_ylabel("fold angle, rad")

@@ -68,10 +68,10 @@ def _path(config: Config, design, *, growth="uniaxial", effects="gravity,ground"
 
 
 def no_weight(config: Config):
-    found = {g: _path(config, TABLE_41, growth=g, effects="none") for g in GROWTHS}
-    angles = {g: _value(label, "fold_angle") for g, (_, label) in found.items()}
-    m2 = _value(found["isotropic"][1], "m2")
-    return {f"{g}, no weight": run for g, (run, _) in found.items()}, {
+    paths = {g: _path(config, TABLE_41, growth=g, effects="none") for g in GROWTHS}
+    angles = {g: _value(label, "fold_angle") for g, (_, label) in paths.items()}
+    m2 = _value(paths["isotropic"][1], "m2")
+    return {f"{g}, no weight": run for g, (run, _) in paths.items()}, {
         "dissertation": "uniaxial about 3.0 rad at g = 0.3; isotropic folds too",
         "ours": (
             f"uniaxial {angles['uniaxial']:.2f} rad; isotropic from flat "
@@ -125,9 +125,11 @@ def lift_and_width(config: Config):
         answers = []
         for gamma, aspect in cases.values():
             design = {
-                **TABLE_42, "stiffness_to_weight": gamma, "aspect": aspect,
+                **TABLE_42,
+                "stiffness_to_weight": gamma,
+                "aspect": aspect,
                 "h_ratio": float(h_ratio),
-            }  # fmt: skip
+            }
             answers.append(_path(config, design, growth="isotropic")[1].foldable)
         if answers == wanted:
             held.append(float(h_ratio))
@@ -170,11 +172,11 @@ def patterned_layer(config: Config):
     options = {"growth": "isotropic", "effects": "none"}
     solid, plain = _path(config, sheet, **options)
     strips, cut = _path(config, sheet, **options, strips=config.strips)
-    share = [_value(x, "m2") / max(abs(_value(x, "fold_angle")), 1e-9) for x in (plain, cut)]
+    ratio = [_value(x, "m2") / max(abs(_value(x, "fold_angle")), 1e-9) for x in (plain, cut)]
     return {"solid": solid, f"{config.strips} strips": strips}, {
         "dissertation": "solid bends about a diagonal, strips along one direction",
-        "ours": f"turning across over along: solid {share[0]:.2f}, strips {share[1]:.2f}",
-        "agrees": share[1] < 0.5 * share[0],
+        "ours": f"turning across over along: solid {ratio[0]:.2f}, strips {ratio[1]:.2f}",
+        "agrees": ratio[1] < 0.5 * ratio[0],
         "why": "material and geometry of their bilayers are not stated",
     }
 

@@ -102,7 +102,7 @@ def study(config, tracker, name: str, build: Callable, shown, axes, draw) -> dic
 
 
 def follow(config: Config, model: Model, mesh: str):
-    """One path: its row, its history and the shapes (share of contraction, u) for pictures."""
+    """One path: its row, its history and the shapes (fraction of contraction, u) for pictures."""
     clock = time.perf_counter()
     dt = config.t_fin / config.steps
     scene = model.viscous(dt)
@@ -144,8 +144,8 @@ def write_series(name: str, model: Model, shapes):
     folder = OUT / name
     folder.mkdir(parents=True, exist_ok=True)
     series = Series(folder / f"{name}.pvd", model.body)
-    for share, u in shapes:
-        series.write(share, u, cell_data={"beta": model.beta})
+    for load, u in shapes:
+        series.write(load, u, cell_data={"beta": model.beta})
     return folder / f"{name}.pvd"
 
 
@@ -242,11 +242,11 @@ def framed(path, shapes, contraction: float):
         ax = figure.add_axes((0, bottom / height, 1, 1 - (top + bottom) / height))
         ax.imshow(image)
         ax.axis("off")
-        for k, (share, _) in enumerate(shapes):
+        for k, (load, _) in enumerate(shapes):
             figure.text(
                 (k + 0.5) / len(shapes),
                 1 - 0.22 / height,
-                f"$|g| = {share * contraction:.2g}$",
+                f"$|g| = {load * contraction:.2g}$",
                 ha="center",
             )
         bar = figure.add_axes((0.35, 0.44 / height, 0.3, 0.1 / height))

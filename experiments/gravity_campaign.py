@@ -103,7 +103,7 @@ def picture(frame: pd.DataFrame) -> Figure:
         seconds = np.sort(frame["core_seconds"].dropna())
         cost.step(seconds, np.arange(1, len(seconds) + 1) / len(seconds), where="post")
         cost.set(
-            xscale="log", xlabel="core-seconds per label", ylabel="share of labels", ylim=(0, 1)
+            xscale="log", xlabel="core-seconds per label", ylabel="fraction of labels", ylim=(0, 1)
         )
         gamma = np.log10(frame["stiffness_to_weight"])
         edges = np.linspace(-2, 2, 9)
@@ -113,13 +113,15 @@ def picture(frame: pd.DataFrame) -> Figure:
         below = np.zeros(len(edges) - 1)
         colours = mpl.colormaps["tab20"](np.linspace(0, 1, 20))
         for name, count, colour in zip(names, counts, colours, strict=False):
-            share = count / whole
+            fraction = count / whole
             ends.bar(
-                10 ** edges[:-1], share, np.diff(10**edges), bottom=below, align="edge",
+                10 ** edges[:-1], fraction, np.diff(10**edges), bottom=below, align="edge",
                 label=name.replace("_", " "), color=colour,
             )  # fmt: skip
-            below += share
-        ends.set(xscale="log", xlabel="Γ = E h² / (ρ g l³)", ylabel="share of labels", ylim=(0, 1))
+            below += fraction
+        ends.set(
+            xscale="log", xlabel="Γ = E h² / (ρ g l³)", ylabel="fraction of labels", ylim=(0, 1)
+        )
         ends.legend(fontsize=6, loc="center left", bbox_to_anchor=(1, 0.5), frameon=False)
     return figure
 

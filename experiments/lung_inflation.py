@@ -137,10 +137,10 @@ def thick_sphere(level: int) -> list[dict]:
     ]
     fold = next((event for event in path.events if event.kind == "fold"), None)
     if fold is not None:
-        found = 0.03 * fold.e
+        limit_pressure = 0.03 * fold.e
         rows.append(
-            {"stretch": stretch(fold), "pressure": found, "radial": LIMIT,
-             "error": found / LIMIT - 1, "at": "limit", "stretch_error":
+            {"stretch": stretch(fold), "pressure": limit_pressure, "radial": LIMIT,
+             "error": limit_pressure / LIMIT - 1, "at": "limit", "stretch_error":
              stretch(fold) / LIMIT_STRETCH - 1}
         )  # fmt: skip
     return rows
@@ -163,11 +163,12 @@ def inflate(name: str, body: Body, lung: Lung, tissue: Tissue, config: Config, l
         path = case.run(stage, steps=config.steps, events=False, over=None)
     seconds = time.perf_counter() - start
     u = stage.displacement(path.last.x, path.last.e)
-    found = measure(body, lung, u)
+    measures = measure(body, lung, u)
     row = {
         "mesh": name, "part": part_of(body), "unknowns": stage.size, "nodes": len(body.nodes),
-        "pressure": config.pressure * path.last.e, "aspect": found.aspect, "depth": found.depth,
-        "spacing": found.spacing, "thinnest": found.thinnest, "variation": found.variation,
+        "pressure": config.pressure * path.last.e,
+        "aspect": measures.aspect, "depth": measures.depth, "spacing": measures.spacing,
+        "thinnest": measures.thinnest, "variation": measures.variation,
         "energy": TIMES[part_of(body)] * path.last.energy, "unstable": path.last.unstable,
         "iterations": path.iterations, "seconds": seconds, "memory_mb": memory(),
         "outcome": path.outcome.value,
@@ -261,9 +262,9 @@ def show(lung: Lung, tissue: Tissue, config: Config, tracker) -> str:
         path = case.run(stage, x, steps=(1 + number) * config.steps, events=False,
                    over=None if number == 0 else "settle")  # fmt: skip
         x = path.last.x
-        shares = (0.0, 0.5, 1.0) if number == 0 else (1.0,)
-        for share in shares:
-            point = min(path.points, key=lambda p, s=share: abs(p.e - s))
+        fractions = (0.0, 0.5, 1.0) if number == 0 else (1.0,)
+        for fraction in fractions:
+            point = min(path.points, key=lambda p, s=fraction: abs(p.e - s))
             u = stage.displacement(point.x, point.e)
             state = [
                 s + point.e * (t - s)

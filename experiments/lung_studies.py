@@ -101,20 +101,20 @@ def pressure(bench: Bench) -> Study:
     ahead = bench.beyond(stage, path)
     top = config.pressure * ahead.last.e if ahead.reached else np.inf
     rows = []
-    for share in config.shares:
-        p = config.pressure * (1 + share)
-        row = {"case": f"p {share:+.0%}", "pressure": p, "reached": bool(p <= top), "limit": top}
+    for offset in config.shares:
+        p = config.pressure * (1 + offset)
+        row = {"case": f"p {offset:+.0%}", "pressure": p, "reached": bool(p <= top), "limit": top}
         if p <= top:
             done = scene(bench.body, bench.lung, bench.tissue, REST, State(p))
             end = case.run(done, steps=config.steps, events=False, over=None)
-            found = bench.at(done, end.last)
-            row |= {"reached": end.reached, "aspect": found.aspect, "depth": found.depth}
+            measures = bench.at(done, end.last)
+            row |= {"reached": end.reached, "aspect": measures.aspect, "depth": measures.depth}
         rows.append(row)
-    found = bench.along(stage, ahead)
+    measures = bench.along(stage, ahead)
     loads = config.pressure * ahead.loads
-    lines = {"all of the epithelium": [m.aspect for m in found]}
+    lines = {"all of the epithelium": [m.aspect for m in measures]}
     for edges, name in ((6, "hexagons"), (5, "pentagons")):
-        parts = [[c.aspect for c in m.cells if c.edges == edges] for m in found]
+        parts = [[c.aspect for c in m.cells if c.edges == edges] for m in measures]
         if all(parts):
             lines[name] = [np.mean(p) for p in parts]
     figure = plot_pressure(loads, lines, rows, ahead.reached)
@@ -142,15 +142,15 @@ def contraction(bench: Bench) -> Study:
     config, rows, curves = bench.config, [], {}
     for g in config.contractions:
         stage, path = bench.stage(bench.tissue, bench.full, State(bench.low, g))
-        found = bench.along(stage, path)
-        rows.append(row_of(f"g = {g:g}, p = {bench.low:.3g}", path, found, g=g))
-        curves[rows[-1]["case"]] = (-g * path.loads, [m.aspect for m in found])
+        measures = bench.along(stage, path)
+        rows.append(row_of(f"g = {g:g}, p = {bench.low:.3g}", path, measures, g=g))
+        curves[rows[-1]["case"]] = (-g * path.loads, [m.aspect for m in measures])
     g = min(config.contractions)
     stage, path = bench.stage(bench.tissue, State(0.0, g))
-    found = bench.along(stage, path)
-    dry = row_of(f"g = {g:g}, p = 0", path, found, g=g)
-    shrunk, wet = found[-1].spacing / found[0].spacing - 1, rows[-1]
-    curves[dry["case"]] = (-g * path.loads, [m.aspect for m in found])
+    measures = bench.along(stage, path)
+    dry = row_of(f"g = {g:g}, p = 0", path, measures, g=g)
+    shrunk, wet = measures[-1].spacing / measures[0].spacing - 1, rows[-1]
+    curves[dry["case"]] = (-g * path.loads, [m.aspect for m in measures])
     cuts = {}
     if config.n == 2:
         cuts["without pressure"] = bench.cut(stage, path)
@@ -202,9 +202,9 @@ def fibres(bench: Bench) -> Study:
     for kind, name in kinds.items():
         tissue = replace(bench.tissue, fibres=kind)
         stage, path = bench.stage(tissue, bench.full, State(bench.low, g))
-        found = bench.along(stage, path)
-        rows.append(row_of(kind, path, found, g=g))
-        curves[name] = (-g * path.loads, [m.aspect for m in found])
+        measures = bench.along(stage, path)
+        rows.append(row_of(kind, path, measures, g=g))
+        curves[name] = (-g * path.loads, [m.aspect for m in measures])
         u = stage.displacement(path.last.x, path.last.e)
         fields.append(radial(bench.body, u)[shell])
     figure = plot_curves(curves, "contraction |g|")
@@ -386,9 +386,9 @@ def stability(bench: Bench) -> Study:
     )
 
 
-def row_of(case: str, path: Path, found: list[Measures], **more) -> dict:
+def row_of(case: str, path: Path, measures: list[Measures], **more) -> dict:
     """One row of the table from the end of a path."""
-    last = found[-1]
+    last = measures[-1]
     return {
         "case": case, **more, "aspect": last.aspect, "depth": last.depth, "spacing": last.spacing,
         "lowest": last.lowest, "highest": last.highest,

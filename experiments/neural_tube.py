@@ -31,7 +31,7 @@ def run(config: Config, tracker) -> dict[str, Any]:
         config, tracker, "neural_tube", neural_tube.build,
         ("closure", "closure_middle", "closure_posterior"),
         ("distance of the edges (radii):\nanterior —, middle - -, posterior · ·",
-         ("closed", "share of the edges that touch")), draw,
+         ("closed", "fraction of the edges that touch")), draw,
     )  # fmt: skip
 
 

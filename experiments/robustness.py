@@ -140,29 +140,29 @@ def follow(groups: dict[str, float], effects, growth: str, config: Config) -> di
         Physics(effects, growth=growth),
         watch=Watch(deadline=begun + config.timeout),
     )
-    found = fold(model, stop=stop)
+    folding = fold(model, stop=stop)
     seconds = time.monotonic() - begun
     row: dict[str, Any] = {
         "effects": "+".join(effects) or "none",
         "growth": growth,
-        "ending": found.ending.name,
-        "complete": found.ending in (Ending.REACHED, Ending.STOPPED),
-        "reason": found.ending.value if found.ending is Ending.TIMEOUT else found.detail,
-        "reached": float(found.states[-1].e) if found.states else 0.0,
-        "happenings": [h.kind for h in found.happenings],
-        "unknowns": found.model.scene.size,
+        "ending": folding.ending.name,
+        "complete": folding.ending in (Ending.REACHED, Ending.STOPPED),
+        "reason": folding.ending.value if folding.ending is Ending.TIMEOUT else folding.detail,
+        "reached": float(folding.states[-1].e) if folding.states else 0.0,
+        "happenings": [h.kind for h in folding.happenings],
+        "unknowns": folding.model.scene.size,
         "seconds": seconds,
-        "faults": list(faults(found)),
+        "faults": list(faults(folding)),
         "correction": None,
         "leans": 0.0,
         "condition": None,
     }
-    if found.states:
-        seen = audit(found.model, found.x, found.last.e)
+    if folding.states:
+        seen = audit(folding.model, folding.x, folding.last.e)
         # Against the moment of the unit's weight at an arm of half its length.
         own = 0.5 * unit.weight * unit.aspect * unit.slenderness
         row |= {"correction": seen.correction, "leans": seen.moment / own}
-        row["condition"] = condition(found.model.scene, found.x, found.last.e)
+        row["condition"] = condition(folding.model.scene, folding.x, folding.last.e)
     return row
 
 
@@ -235,7 +235,9 @@ def picture(frame: pd.DataFrame, table: list[dict[str, Any]]) -> Figure:
         named = [symbol(g) if g != "stiffness_to_weight" else r"$\Gamma$" for g in groups]
         left.set_xticks(np.arange(len(groups)), named, rotation=40, ha="right")
         left.set(
-            ylabel="share of paths that are complete", ylim=(0, 1.25), yticks=np.arange(0, 1.1, 0.2)
+            ylabel="fraction of paths that are complete",
+            ylim=(0, 1.25),
+            yticks=np.arange(0, 1.1, 0.2),
         )
         left.legend(ncols=3, loc="upper center", fontsize=7, columnspacing=1, handlelength=1)
         for growth, marker in (("uniaxial", "o"), ("isotropic", "s")):

@@ -103,7 +103,7 @@ def _peak_mb() -> float:
 def path_cost(element: str, level: int, across: int = 1) -> dict[str, Any]:
     """Problem P from flat to g = −0.3: error of the angle, seconds, iterations, memory.
 
-    ``overhead``: share of the path's time that is neither factorisation nor solve.
+    ``overhead``: fraction of the path's time that is neither factorisation nor solve.
     """
     from experiments.problem_p import follow_to
     from solver.cases.unit import problem_p

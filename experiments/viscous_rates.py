@@ -138,7 +138,7 @@ def measured(model, scene, x, tissue: str, when: str, ratio: float, path) -> dic
 
 
 def verdict(shapes: pd.DataFrame) -> dict[str, Any]:
-    """How far apart shapes of different ratios are, as shares of the slow limit's indentation."""
+    """How far apart shapes of different ratios are, over the slow limit's indentation."""
     out = {}
     for tissue, part in shapes.groupby("tissue", sort=False):
         key = tissue.replace(" ", "_")
@@ -265,9 +265,9 @@ class GlobalStep:
             solving.append(time.perf_counter() - now)
             dx, dY = step[: scene.size], step[scene.size :].reshape(-1, 6)
             ratio = np.abs(np.linalg.eigvals(nine(inverse(Y)) @ nine(dY))).max()
-            share = min(1.0, 0.6 / ratio)
-            x, Y = x + share * dx, Y + share * dY
-            if np.abs(dx).max() <= rtol * scene.scales.length and share == 1:
+            fraction = min(1.0, 0.6 / ratio)
+            x, Y = x + fraction * dx, Y + fraction * dY
+            if np.abs(dx).max() <= rtol * scene.scales.length and fraction == 1:
                 break
         return x, k, time.perf_counter() - clock, min(solving)
 
@@ -373,7 +373,7 @@ def plot(config: Config, shapes: pd.DataFrame, orders: pd.DataFrame):
         right.set_xticks(config.divisions, [str(n) for n in config.divisions])
         right.minorticks_off()
         right.set_xlabel(r"steps over $t_\mathrm{fin} = 2\tau$")
-        right.set_ylabel("largest error of displacement (share)")
+        right.set_ylabel("largest error of displacement (fraction)")
         right.legend(fontsize=7)
     return figure
 

@@ -71,7 +71,7 @@ def raw(frame: pd.DataFrame) -> pd.Series:
 
 
 def wilson(k: int, n: int, z: float = 1.96) -> tuple[float, float]:
-    """Wilson's 95 % interval of a share of k in n; (0, 1) of none."""
+    """Wilson's 95 % interval of a fraction of k in n; (0, 1) of none."""
     if n == 0:
         return 0.0, 1.0
     p, d = k / n, 1 + z * z / n
@@ -84,8 +84,8 @@ def disagreement(answer: pd.Series, truth: pd.Series) -> dict[str, Any]:
     both = (answer.notna() & truth.notna()).to_numpy()
     wrong = int((answer[both].astype(bool).to_numpy() != truth[both].astype(bool).to_numpy()).sum())
     low, high = wilson(wrong, int(both.sum()))
-    share = float(wrong / both.sum()) if both.any() else None
-    return {"compared": int(both.sum()), "wrong": wrong, "disagreement": share,
+    fraction = float(wrong / both.sum()) if both.any() else None
+    return {"compared": int(both.sum()), "wrong": wrong, "disagreement": fraction,
             "disagreement_low": low, "disagreement_high": high}  # fmt: skip
 
 
@@ -197,11 +197,11 @@ def calibration(table: pd.DataFrame, coarse: pd.DataFrame) -> dict[str, Any]:
     slip = np.maximum((a["m3"] - b["m3"]).abs(), (a["m4"] - b["m4"]).abs())
     kept = int((off <= COARSE_ERROR).sum())
     low, high = wilson(kept, len(a))
-    shares = {"median": 0.5, "90": 0.9, "95": 0.95, "99": 0.99}
+    quantiles = {"median": 0.5, "90": 0.9, "95": 0.95, "99": 0.99}
     return {
         "designs": len(a),
-        **{f"error_{name}": float(off.quantile(q)) for name, q in shares.items()},
-        **{f"slip_{name}": float(slip.quantile(q)) for name, q in shares.items()},
+        **{f"error_{name}": float(off.quantile(q)) for name, q in quantiles.items()},
+        **{f"slip_{name}": float(slip.quantile(q)) for name, q in quantiles.items()},
         "bound": COARSE_ERROR,
         "within": kept / len(a) if len(a) else None,
         "within_low": low,
@@ -213,9 +213,11 @@ def split(table: pd.DataFrame, config) -> tuple[pd.DataFrame, pd.DataFrame]:
     """Labels to learn from (unknown ones too: they cost) and known ones that nothing else sees."""
     known = table[table["foldable"].notna()]
     _, test = train_test_split(
-        known, test_size=config.test, random_state=config.seed,
+        known,
+        test_size=config.test,
+        random_state=config.seed,
         stratify=known["foldable"].astype(bool),
-    )  # fmt: skip
+    )
     train = table.drop(index=test.index)
     return train.sample(frac=1, random_state=config.seed), test
 
@@ -335,7 +337,7 @@ def in_an_hour(rows: list[dict], price: dict[str, float], hour: float = 3600.0) 
     is an extrapolation, and errors of the labels themselves, which no number of them mends, are not
     in it.
     """
-    found = []
+    projected = []
     for kind, each in price.items():
         part = pd.DataFrame([r for r in rows if r["labels_are"] == kind])
         if part.empty:
@@ -345,7 +347,7 @@ def in_an_hour(rows: list[dict], price: dict[str, float], hour: float = 3600.0) 
             continue
         slope, level = np.polyfit(np.log(means.index), np.log(means), 1)
         count = hour / each
-        found.append(
+        projected.append(
             {
                 "labels_are": kind,
                 "labels": int(count),
@@ -355,7 +357,7 @@ def in_an_hour(rows: list[dict], price: dict[str, float], hour: float = 3600.0) 
                 "beyond": count / float(means.index.max()),
             }
         )
-    return found
+    return projected
 
 
 def _drawn(labels: pd.DataFrame, count: float, seed: int) -> pd.DataFrame | None:

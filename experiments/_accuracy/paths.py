@@ -121,14 +121,14 @@ def _angle(folding: unit_path.Folding, design) -> float:
 def reference(scene: str, limit: float, level: int = FINEST) -> tuple[float, float]:
     """The angle by hex27 on the finest mesh, and how far the next coarser one is from it.
 
-    Of a unit only the last state is found there, from the path on the coarser mesh; the path is
+    Of a unit only the last state is computed there, from the path on the coarser mesh; the path is
     followed where that state lies elsewhere. Raises RuntimeError where there is none.
     """
     coarser = solved(scene, "hex27", level - 1, limit=limit)
     fine = None
     if coarser.folding is not None and coarser.angle is not None:
-        found = unit_path.refined(coarser.folding, UNIT_LEVELS[level])
-        fine = None if found is None else _angle(found, UNITS[scene])
+        refined = unit_path.refined(coarser.folding, UNIT_LEVELS[level])
+        fine = None if refined is None else _angle(refined, UNITS[scene])
     if fine is None:
         fine = solved(scene, "hex27", level, limit=4 * limit).angle
     if fine is None or coarser.angle is None:
@@ -224,8 +224,8 @@ def _stepping(name: str, level: int):
 def _turning(scene) -> Callable[[np.ndarray, float], float]:
     def angle(x, e):
         # The angle is known up to full turns; the flat sheet's may be a hair below 0.
-        found = problem_p.fold_angle(scene, x, e)
-        return found - 2 * np.pi if found > 6.2 and e < 0.5 else found
+        angle = problem_p.fold_angle(scene, x, e)
+        return angle - 2 * np.pi if angle > 6.2 and e < 0.5 else angle
 
     return angle
 

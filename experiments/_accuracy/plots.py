@@ -170,7 +170,7 @@ def draw_classifiers(rows: list[dict]) -> Figure:
             axes[0].loglog(by["label_core_seconds"], 1 - by["accuracy"], label=name, **style)
             axes[1].loglog(by["train_seconds"], 1 - by["accuracy"], label=name, **style)
             axes[2].loglog(by["seconds_per_million"], 1 - by["accuracy"], label=name, **style)
-        wrong = "share of wrong answers on test designs"
+        wrong = "fraction of wrong answers on test designs"
         axes[0].set(xlabel="core-seconds of labelling", ylabel=wrong)
         axes[1].set(xlabel="seconds of training", ylabel=wrong)
         axes[2].set(xlabel="seconds per million predictions", ylabel=wrong)
@@ -204,7 +204,8 @@ def draw_budgets(rows: list[dict], hour: list[dict]) -> Figure:
                 [], [], "ko", mfc="none", ms=7, ls="none", label="one hour, by the fitted slope"
             )
         ax.set(
-            xlabel="core-seconds of labelling", ylabel="share of wrong answers on accurate labels"
+            xlabel="core-seconds of labelling",
+            ylabel="fraction of wrong answers on accurate labels",
         )
         ax.legend(fontsize=7)
     return figure

@@ -58,8 +58,14 @@ def plot_inflation(
         figure = Figure(figsize=(10.4, 3.4), layout="constrained", dpi=200)
         left, middle, right = figure.subplots(1, 3)
         left.plot(radial.keys(), radial.values(), "k*", ms=8, label="radial solution")
-        left.plot([r["stretch"] for r in sphere], [r["pressure"] for r in sphere], "o",
-                  ms=3.5, color=LINES[1], label="wedge without muscle")  # fmt: skip
+        left.plot(
+            [r["stretch"] for r in sphere],
+            [r["pressure"] for r in sphere],
+            "o",
+            ms=3.5,
+            color=LINES[1],
+            label="wedge without muscle",
+        )
         left.set(xlabel="inner stretch", ylabel=PRESSURE)
         worst = max(abs(r["error"]) for r in sphere)
         left.set_title(f"thick sphere: at most {100 * worst:.2g} % apart")
@@ -76,8 +82,14 @@ def plot_inflation(
             whole = row["part"] == "sphere"
             name = f"{row['mesh']}{', whole sphere' if whole else ''}"
             unknowns = row["unknowns"] / (120 if whole else 1)
-            right.plot(unknowns, 100 * row["beside_finest"], "s" if whole else "o",
-                       color=colours[k % 10], label=name, ms=5)  # fmt: skip
+            right.plot(
+                unknowns,
+                100 * row["beside_finest"],
+                "s" if whole else "o",
+                color=colours[k % 10],
+                label=name,
+                ms=5,
+            )
         right.axhspan(-2, 2, color="0.92", zorder=0)
         right.set(
             xscale="log",
@@ -99,7 +111,7 @@ def panel(count: int = 1) -> tuple:
 
 
 def signed(figure: Figure, claim: str, finding: str, verdict: str) -> Figure:
-    """The figure with what the dissertation says and what is found here below its axes."""
+    """The figure with what the dissertation says and what we computed below its axes."""
     wide = 4 + 76 * len(figure.axes)
     text = [f"Dissertation: {claim}", f"Here: {finding}", f"Verdict: {verdict}."]
     with mpl.rc_context(STYLE):
@@ -123,8 +135,13 @@ def plot_pressure(
         ax.axvspan(min(asked), max(asked), color="0.9", lw=0, label="pressures asked for")
         for row in rows:
             name = None if row["reached"] else f"{row['case']}: not reached"
-            ax.axvline(row["pressure"], color="0.6" if row["reached"] else LINES[1], lw=0.8,
-                       ls="-" if row["reached"] else ":", label=name)  # fmt: skip
+            ax.axvline(
+                row["pressure"],
+                color="0.6" if row["reached"] else LINES[1],
+                lw=0.8,
+                ls="-" if row["reached"] else ":",
+                label=name,
+            )
         if limit:
             ax.plot(loads[-1], next(iter(lines.values()))[-1], "k*", ms=8, label="limit point")
         ax.set(xlabel=PRESSURE, ylabel="aspect ratio")
@@ -176,8 +193,13 @@ def plot_stiffness(table: pd.DataFrame, pressure: float, low: float) -> Figure:
             ax.plot(
                 E, part["aspect"].astype(float), "o-", **style, label=f"{name}, p = {pressure:g}"
             )
-            ax.plot(E, part["at_limit"].astype(float), "*:", **style,
-                    label=f"{name}, at the limit point")  # fmt: skip
+            ax.plot(
+                E,
+                part["at_limit"].astype(float),
+                "*:",
+                **style,
+                label=f"{name}, at the limit point",
+            )
             ax.plot(E, part["low"].astype(float), "s--", **style, label=f"{name}, p = {low:g}")
             right.plot(E, part["limit"].astype(float), "o-", **style, label=name)
         right.axhline(pressure, color="0.6", lw=0.8, zorder=0)
@@ -213,8 +235,14 @@ def plot_stability(table: pd.DataFrame) -> Figure:
         ):
             part = table[table["case"] == name]
             for k, column in enumerate(("even", "odd in one", "odd in two", "odd in three")):
-                ax.plot(part[along], part[column].astype(float), ".-", lw=1, color=LINES[k],
-                        label=column)  # fmt: skip
+                ax.plot(
+                    part[along],
+                    part[column].astype(float),
+                    ".-",
+                    lw=1,
+                    color=LINES[k],
+                    label=column,
+                )
             ax.plot(part[along], part["unstable"].astype(float), "ko-", ms=3, label="whole sphere")
             ax.set(title=name, ylabel="unstable modes", xlabel=label)
             ax.set_ylim(-0.5, max(4.5, 1.1 * part["unstable"].max()))

@@ -42,7 +42,7 @@ IDLE_BREAKS = 3  # pools that may break one after another with no design in them
 
 @dataclass(frozen=True)
 class CampaignReport:
-    """What a campaign found and made. Counts are distinct designs of this request.
+    """What a campaign met and made. Counts are distinct designs of this request.
 
     ``requested`` = ``already_there`` + ``computed`` + those still missing; ``folds``, ``not_folds``
     and ``unknown`` count the labels in the store for this request, old and new. ``reasons`` counts

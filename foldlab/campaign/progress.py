@@ -44,10 +44,10 @@ def progress_bar(book, total: int):
             bar.update(task, completed=book.computed, news=news)
             if not console.is_terminal and now - logged > LOG_EVERY:
                 # A log file shows no bar: a line now and then.
-                logged, left = now, (total - book.computed) / rate
+                logged, remaining = now, (total - book.computed) / rate
                 reasons = book.reasons.most_common(REASONS)
                 why = "".join(f"; {count} × {reason[:80]}" for reason, count in reasons)
-                console.print(f"{book.computed}/{total}, {news}, {left:.0f} s left{why}")
+                console.print(f"{book.computed}/{total}, {news}, {remaining:.0f} s remaining{why}")
 
         book.on_commit = update
         yield

@@ -103,9 +103,11 @@ def _features(groups: pd.DataFrame) -> np.ndarray:
     least = np.array([lift_off_stiffness(row) for row in groups.to_dict("records")])
     gamma = groups["stiffness_to_weight"]
     first = [
-        curvature * groups["hinge_length"], curvature * groups["hinge_width"] * groups["aspect"],
-        least / gamma, gamma,
-    ]  # fmt: skip
+        curvature * groups["hinge_length"],
+        curvature * groups["hinge_width"] * groups["aspect"],
+        least / gamma,
+        gamma,
+    ]
     return np.log(np.column_stack([*first, groups[FULL.names]]))
 
 

@@ -9,7 +9,7 @@ from pathlib import Path
 
 
 def forget_peak() -> None:
-    """Give back what earlier labels left, and let the peak of memory count from now on.
+    """Give back what earlier labels held, and let the peak of memory count from now on.
 
     As far as the system can: elsewhere than on Linux the peak is that of the whole process.
     """

@@ -2,7 +2,7 @@
 
 Most designs miss the thresholds of :mod:`foldlab.labels.foldability` by far. For those the coarsest
 mesh gives the answer, and its error need not be measured on a second mesh: a bound measured once,
-on other designs, will do. It covers a stated share of designs like those it was measured on, not
+on other designs, will do. It covers a stated fraction of designs like those it was measured on, not
 each of them.
 """
 

@@ -117,18 +117,18 @@ class SolverSource:
             size = run.folding.model.scene.size
             if level > 1 and (run.closed or size > LARGEST[self.effort.plan.finest]):
                 break
-            found = self._refined(run, level, deadline)
-            if found is None and level > 1:
+            refined = self._refined(run, level, deadline)
+            if refined is None and level > 1:
                 break
-            if found is None:
+            if refined is None:
                 try:
                     again = self.run(groups, level, **limits)
                 except OutOfTime:
                     break
                 if not again.settled:
                     break
-                found = again, judging.difference(run, again, groups, self.thresholds)
-            run, error = found[0], judging.stated(found[1], level)
+                refined = again, judging.difference(run, again, groups, self.thresholds)
+            run, error = refined[0], judging.stated(refined[1], level)
             levels += 1
             if (
                 error <= self.effort.accuracy

@@ -268,10 +268,16 @@ class LabelStore:
             "FROM label GROUP BY source, version ORDER BY source, version"
         )
         labels = [
-            {"source": s, "version": v, "labels": n, "folds": folds, "not": known - folds,
-             "unknown": n - known}
+            {
+                "source": s,
+                "version": v,
+                "labels": n,
+                "folds": folds,
+                "not": known - folds,
+                "unknown": n - known,
+            }
             for s, v, n, known, folds in counts
-        ]  # fmt: skip
+        ]
         return {**dict(self._read("SELECT key, value FROM meta")), "labels": labels}
 
     def export(

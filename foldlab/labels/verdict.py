@@ -25,13 +25,13 @@ CURVE_POINTS = np.linspace(0, 999, 28).round().astype(int)
 # they may agree by chance. Chosen so that 29 of 30 designs of a Latin hypercube kept their stated
 # error against a mesh two levels finer (experiments/accuracy_calibration.py; half the difference
 # alone was kept by 20 of them).
-SHARE = 1.25
+MARGIN = 1.25
 FLOOR = {1: 6.5e-3, 2: 3e-3, 3: 1.5e-3}
 
 
 def stated(difference: float, level: int) -> float:
     """The error that is stated for a difference between the meshes ``level`` − 1 and ``level``."""
-    return max(SHARE * difference, FLOOR[level])
+    return max(MARGIN * difference, FLOOR[level])
 
 
 def judge(
@@ -113,12 +113,12 @@ def judge(
 
 
 def _events(run: Run, design, thresholds) -> list[dict]:
-    found = find_events(run.history, design["contraction"], thresholds)
+    events = find_events(run.history, design["contraction"], thresholds)
     for h in run.folding.happenings:
-        found.append({"kind": h.kind, "contraction": float(h.e) * design["contraction"]})
+        events.append({"kind": h.kind, "contraction": float(h.e) * design["contraction"]})
         if h.size:
-            found[-1]["size"] = float(h.size)
-    return sorted(found, key=lambda event: event["contraction"])
+            events[-1]["size"] = float(h.size)
+    return sorted(events, key=lambda event: event["contraction"])
 
 
 def row_of(state, unit) -> dict[str, float]:

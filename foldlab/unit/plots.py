@@ -123,8 +123,14 @@ def plot_angles(
             strict=True,
         ):
             ax.plot(x, [h[name] for h in history], "o-", ms=3, color=LINES[0])
-            ax.plot([0, end], [limit, limit] if loads is not None else [0, limit],
-                    ls=(0, (4, 3)), lw=0.9, color=LINES[4], label=says)  # fmt: skip
+            ax.plot(
+                [0, end],
+                [limit, limit] if loads is not None else [0, limit],
+                ls=(0, (4, 3)),
+                lw=0.9,
+                color=LINES[4],
+                label=says,
+            )
             ax.set_xlim(0, end * 1.03)
             ax.set_xlabel("contraction, %" if loads is None else "uniaxial to 1, released to 2")
             ax.set_ylabel(label)
@@ -166,11 +172,11 @@ def write_animation(path: Path, pictures: Sequence[Path], titles: Sequence[str])
         with mpl.rc_context(STYLE):
             figure = Figure(figsize=(wide / 100, high / 100 + 0.3), dpi=100)
             FigureCanvasAgg(figure)
-            share = high / (high + 30)
-            ax = figure.add_axes((0, 0, 1, share))
+            fraction = high / (high + 30)
+            ax = figure.add_axes((0, 0, 1, fraction))
             ax.imshow(image, interpolation="none", aspect="auto")
             ax.set_axis_off()
-            figure.text(0.5, (1 + share) / 2, title, ha="center", va="center", fontsize=11)
+            figure.text(0.5, (1 + fraction) / 2, title, ha="center", va="center", fontsize=11)
             figure.canvas.draw()
             pixels = np.asarray(figure.canvas.buffer_rgba())
         frames.append(Image.fromarray(pixels).convert("RGB").quantize(64))

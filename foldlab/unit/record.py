@@ -86,13 +86,13 @@ def summary(label: Label, run: Run, source: SolverSource) -> dict[str, Any]:
 
 
 def explain(label, run, source, clock, ablation: bool) -> dict[str, Any]:
-    """What ``--why`` adds: shares of each effect, advice, and with ``ablation`` the answers without
-    them."""
+    """What ``--why`` adds: fractions of each effect and advice, with ``ablation`` also the answers
+    without them."""
     from foldlab.unit.why import ablate, advise, contributions
 
-    shares = contributions(run, clock, label.evidence["seconds"]) if run.history else []
+    effects = contributions(run, clock, label.evidence["seconds"]) if run.history else []
     without = ablate(label, source) if ablation else []
-    return {"effects": shares, "without": without, "advice": advise(label, run, source, without)}
+    return {"effects": effects, "without": without, "advice": advise(label, run, source, without)}
 
 
 def clear(out: Path) -> None:
@@ -142,9 +142,12 @@ def draw(out: Path, label: Label, run: Run, source: SolverSource, *, animate: bo
     g, limits = label.design["contraction"], source.thresholds
     load = np.array([shape.load for shape in run.shapes])
     figure = plot_angles(
-        run.history, g, (limits.angle(g), limits.most_across(g)), label.evidence["events"],
+        run.history,
+        g,
+        (limits.angle(g), limits.most_across(g)),
+        label.evidence["events"],
         load if released else None,
-    )  # fmt: skip
+    )
     save_figure(figure, out / "angle.png")
     ground = source.conditions.heavy
     titles = [
@@ -159,10 +162,12 @@ def draw(out: Path, label: Label, run: Run, source: SolverSource, *, animate: bo
         wanted = [(k, path, 1000) for k, path in names.items()]
         wanted += [(k, path, 480) for k, path in frames.items()]
         request = Request(
-            str(out / "series" / "unit.pvd"), str(out / "curves.npz"), ground,
+            str(out / "series" / "unit.pvd"),
+            str(out / "curves.npz"),
+            ground,
             label.design["slenderness"],
             [(int(k), str(path), width) for k, path, width in wanted],
-        )  # fmt: skip
+        )
         drawn = render(request, Path(folder))
         chosen = [titles[k] for k in three]
         if drawn:

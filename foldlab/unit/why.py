@@ -26,7 +26,7 @@ GROUPS = {"gravity": ("gravity", "ground"), "contact": ("contact",)}
 def contributions(
     run: Run, clock: Mapping[str, Sequence[float]], seconds: float
 ) -> list[dict[str, Any]]:
-    """Per effect its shares of energy, forces and time, at the last state of the path.
+    """Per effect its fractions of energy, forces and time, at the last state of the path.
 
     ``energy``: |E − E at rest| over the sum of all, E at rest that of the flat unit. ``force``: sum
     of the nodes' |f| over that of all terms; in equilibrium none is more than a half. ``time``: of
@@ -57,7 +57,7 @@ def contributions(
 
 def ablate(label: Label, source: SolverSource) -> list[dict[str, Any]]:
     """The label without each effect that may be left out: angle, change of it and verdict."""
-    found = []
+    rows = []
     for name, together in GROUPS.items():
         if name not in source.conditions.terms:
             continue
@@ -70,7 +70,7 @@ def ablate(label: Label, source: SolverSource) -> list[dict[str, Any]]:
         angle = again.evidence.get("m1")
         have = label.evidence.get("m1")
         known = angle is not None and have is not None
-        found.append(
+        rows.append(
             {
                 "without": ",".join(together),
                 "fold_angle": angle,
@@ -80,7 +80,7 @@ def ablate(label: Label, source: SolverSource) -> list[dict[str, Any]]:
                 "seconds": again.evidence["seconds"],
             }
         )
-    return found
+    return rows
 
 
 def advise(
@@ -96,13 +96,13 @@ def advise(
     least = lift_off_stiffness(d)
     measured = {row["without"].split(",")[0]: row["change"] for row in without}
     if acting.heavy:
-        share = weight_turning(d) / d["stiffness_to_weight"] / scale
+        change = weight_turning(d) / d["stiffness_to_weight"] / scale
         how = "at most, of level panels"
         if measured.get("gravity") is not None:
-            share, how = abs(measured["gravity"]) / scale, "measured without it"
-        if share < accuracy:
+            change, how = abs(measured["gravity"]) / scale, "measured without it"
+        if change < accuracy:
             says.append(
-                f"gravity is superfluous: it changes the angle by {100 * share:.2g} % ({how}), "
+                f"gravity is superfluous: it changes the angle by {100 * change:.2g} % ({how}), "
                 f"less than the {100 * accuracy:g} % asked for; --effects none is cheaper"
             )
     else:

@@ -316,7 +316,7 @@ def test_a_log_file_gets_lines(path, capsys, monkeypatch):
     run_campaign(designs(kinds), Slow(), path, executor=Inline(), in_flight=1)
     lines = capsys.readouterr().err.splitlines()
     assert lines[0].startswith("1/3, ") and "1 fold, 0 unknown, " in lines[0]
-    assert lines[0].endswith(" s left")
+    assert lines[0].endswith(" s remaining")
     assert lines[1].endswith("; 1 × ValueError: no state at # %")
 
 

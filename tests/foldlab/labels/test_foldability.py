@@ -52,7 +52,7 @@ def test_a_circular_hinge_turns_by_its_angle_with_its_sign(fold, sign):
     assert (m.m3, m.m4) == pytest.approx((1, 1))
 
 
-def test_of_an_arc_over_the_whole_length_the_hinge_has_its_share():
+def test_of_an_arc_over_the_whole_length_the_hinge_turns_its_part():
     arc = _line(2.0 * (S[1:] + S[:-1]) / 2)
     m = measure(np.stack([arc, unit()[1], arc + SIDE, arc - SIDE]), LENGTH)
     assert m.m1 == pytest.approx(2.0, rel=2e-3)  # between the middles of the first and last chord

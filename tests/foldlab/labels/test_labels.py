@@ -222,15 +222,15 @@ def test_no_single_changed_byte_changes_a_table(filled):
     data = filled.read_bytes()
     with LabelStore(filled, mode="read") as store:
         before = store.frame()
-    found = 0
+    detected = 0
     for at in np.random.default_rng(5).integers(100, len(data), 60):
         filled.write_bytes(data[:at] + bytes([data[at] ^ 0x04]) + data[at + 1 :])
         try:
             with LabelStore(filled, mode="read") as store:
                 pd.testing.assert_frame_equal(store.frame(), before)
         except InputError:
-            found += 1
-    assert found > 30
+            detected += 1
+    assert detected > 30
 
 
 def test_other_databases_are_left_alone(path, filled):

@@ -24,8 +24,8 @@ E = screening.COARSE_ERROR
 
 
 def labels(design, *modes):
-    found = [SolverSource(effort=Effort(refine=mode)).label(design) for mode in modes]
-    return [label for label in found if storable(label).foldable == label.foldable]
+    made = [SolverSource(effort=Effort(refine=mode)).label(design) for mode in modes]
+    return [label for label in made if storable(label).foldable == label.foldable]
 
 
 def test_a_clear_answer_needs_no_second_mesh_and_keeps_the_error_it_states():
@@ -97,8 +97,8 @@ def test_the_bound_covers_the_coarse_mesh_on_designs_of_the_dataset():
     ],
 )
 def test_what_counts_as_near(change, says):
-    found = screening.near(STATE | change, G, Thresholds())
-    assert [text[:2] for text in found] == says
+    phrases = screening.near(STATE | change, G, Thresholds())
+    assert [text[:2] for text in phrases] == says
 
 
 @pytest.mark.parametrize(
@@ -116,8 +116,7 @@ def test_what_counts_as_near(change, says):
 )
 def test_what_decides_a_label(change, happenings, closed, yes):
     design = LIGHT | {"contraction": G}
-    found = screening.decided(design, STATE | change, happenings, closed, Thresholds())
-    assert found is yes
+    assert screening.decided(design, STATE | change, happenings, closed, Thresholds()) is yes
 
 
 def test_thick_sheets_are_refined_for_their_error_was_not_measured():

@@ -137,7 +137,7 @@ def test_meshes_that_agree_by_chance_make_no_small_error_and_no_fine_label():
 # -- contributions -------------------------------------------------------------------------------
 
 
-def test_shares_of_effects(heavy):
+def test_fractions_of_effects(heavy):
     _, run, label, clock = heavy
     rows = why.contributions(run, clock, label.evidence["seconds"])
     by = {row["effect"]: row for row in rows}
@@ -171,9 +171,9 @@ def test_ablation_labels_again_without_each_effect():
     rows = {row["without"]: row for row in why.ablate(label, source)}
     assert set(rows) == {"gravity,ground", "contact"}
     bare = SolverSource(Conditions(effects="contact"), Effort(accuracy=0.05)).label(DESIGN)
-    found = rows["gravity,ground"]
-    assert found["fold_angle"] == bare.evidence["m1"]
-    assert found["change"] == pytest.approx(bare.evidence["m1"] - label.evidence["m1"])
+    light = rows["gravity,ground"]
+    assert light["fold_angle"] == bare.evidence["m1"]
+    assert light["change"] == pytest.approx(bare.evidence["m1"] - label.evidence["m1"])
     # Panels that pass through each other turn by half a radian more.
     assert rows["contact"]["change"] > 0.4
     assert source.conditions.effects == "gravity,ground,contact"
@@ -200,8 +200,8 @@ def advice(**options):
     return why.advise(label, run, source)
 
 
-def says(found, text):
-    return any(text in sentence for sentence in found)
+def says(advised, text):
+    return any(text in sentence for sentence in advised)
 
 
 def test_weight_that_changes_nothing_is_called_superfluous(heavy):
@@ -220,10 +220,10 @@ def test_weight_that_changes_nothing_is_called_superfluous(heavy):
 
 
 def test_left_out_weight_contact_and_simpler_models_are_named():
-    found = advice(effects="none")
-    assert says(found, "weight was left out")
-    assert says(found, "the panels passed through each other")
-    assert says(found, "a quarter was enough")
+    advised = advice(effects="none")
+    assert says(advised, "weight was left out")
+    assert says(advised, "the panels passed through each other")
+    assert says(advised, "a quarter was enough")
     source = SolverSource(Conditions(effects="contact"), Effort(accuracy=0.05))
     run, label = source.follow({**DESIGN, "contraction": 0.05})
     assert says(why.advise(label, run, source), "contact never acted")
@@ -239,9 +239,11 @@ def test_a_curled_unit_is_told_to_ask_for_a_folded_state(heavy):
     events = [{"kind": "twisting", "contraction": 0.1}]
     evidence = {**label.evidence, "outcome": "curled", "events": events}
     curled = Label(label.design, False, "curled", evidence, "solver", "1")
-    found = why.advise(curled, run, source)
-    assert says(found, "--question exists") and says(found, "lost at 10 % contraction (twisting)")
-    assert says(found, "--free shows where it lands")
+    advised = why.advise(curled, run, source)
+    assert says(advised, "--question exists") and says(
+        advised, "lost at 10 % contraction (twisting)"
+    )
+    assert says(advised, "--free shows where it lands")
 
 
 def test_weight_turning_is_the_beam_theory_of_a_light_unit():
