@@ -14,7 +14,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+import scipy.sparse as sp
 
+from solver.equilibrium import checks
 from solver.equilibrium.linear import Factor, ScaledFactor, make_solver
 from solver.mesh.body import Body, NodeGraph
 from solver.physics.supports import Fixed, Held, Row
@@ -40,9 +42,9 @@ class Pattern:
     tail: np.ndarray
 
     @classmethod
-    def of(cls, graph: NodeGraph, held: Held, C: np.ndarray, symmetric: bool) -> Pattern:
+    def of(cls, graph: NodeGraph, held: Held, C: sp.csr_array, symmetric: bool) -> Pattern:
         """The pattern for blocks on a graph and rows C (rows, 3 nodes) in the nodes' frames."""
-        n_free, n_rows = len(held.index), len(C)
+        n_free, n_rows = len(held.index), C.shape[0]
         size = n_free + n_rows
         number = np.full(C.shape[1], -1)
         number[held.index] = np.arange(n_free)
@@ -58,9 +60,9 @@ class Pattern:
         rows, cols = rows[source], cols[source]
         tail = np.zeros(0)
         if n_rows:
-            free = C[:, held.index]
-            k, j = np.nonzero(free)
-            values, lower = free[k, j], np.arange(n_free, size)
+            free = C[:, held.index].tocoo()
+            k, j, values = free.row, free.col, free.data
+            lower = np.arange(n_free, size)
             # The zero block needs its diagonal: PARDISO wants every diagonal entry to be there.
             blocks = [(j, n_free + k, values), (lower, lower, np.zeros(n_rows))]
             if not symmetric:
@@ -107,8 +109,9 @@ class Pattern:
 class Frame:
     """What scenes on one body share that differ in their terms: supports, pattern and solver.
 
-    ``held``, ``rows``; ``C`` (rows, 3 nodes): their coefficients in the nodes' frames;
-    ``symmetric``; ``pattern``; ``solver``: of one sparsity pattern, with one analysis.
+    ``held``, ``rows``; ``C`` (rows, 3 nodes): their coefficients in the nodes' frames, ``C_free``
+    (rows, n_free): those of free components; ``symmetric``; ``pattern``; ``solver``: of one
+    sparsity pattern, with one analysis.
     """
 
     def __init__(
@@ -119,14 +122,18 @@ class Frame:
         rows: Sequence[Row],
         linear: str,
     ):
-        """Raises ValueError for contradictory supports, and for rows with conjugate gradients."""
+        """Raises ValueError for supports and rows that contradict or repeat each other, for a body
+        that is held all over, and for rows with conjugate gradients."""
         if linear == "cg" and rows:
             raise ValueError("conjugate gradients can't take constraint rows; use a direct method")
         n = len(body.nodes)
         self.rows = tuple(rows)
         self.held = Held(n, fixed)
-        C = [self.held.to_local(row.coefficients).ravel() for row in self.rows]
-        self.C = np.array(C).reshape(len(self.rows), 3 * n)
+        if not len(self.held.index):
+            raise ValueError("every displacement is prescribed, so there is nothing to solve for")
+        self.C = checks.row_matrix(self.rows, n, self.held.to_local)
+        self.C_free = self.C[:, self.held.index]
+        checks.refuse_rows(self.rows, self.C, self.C_free)
         self.symmetric = all(term.symmetric for term in terms)
         graphs = [term.graph for term in terms if term.graph is not None]
         one = all(g is graphs[0] for g in graphs)
@@ -162,7 +169,8 @@ class Frame:
             p, size = self.pattern, len(self.pattern.indptr) - 1
             typical = np.median(np.abs(values[p.diagonal]))
             self._row_scale = np.ones(size)
-            self._row_scale[size - len(self.rows) :] = typical / np.abs(self.C).max(axis=1)
+            largest = abs(self.C).max(axis=1).toarray().ravel()
+            self._row_scale[size - len(self.rows) :] = typical / largest
             a = np.repeat(np.arange(size), np.diff(p.indptr))
             self._entry_scale = self._row_scale[a] * self._row_scale[p.indices]
         return ScaledFactor(self.solver.factorise(values * self._entry_scale), self._row_scale)

@@ -17,6 +17,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from solver.equilibrium import checks
 from solver.equilibrium.linear import Factor
 from solver.equilibrium.pattern import Frame
 from solver.mesh.body import Body, NodeGraph
@@ -106,7 +107,7 @@ class Scene:
         self.graph, self.diagonal = self.frame.pattern.graph, self.frame.pattern.diagonal
         self.solver = self.frame.solver
         self.n_nodes = len(body.nodes)
-        self._held, self._C = self.frame.held, self.frame.C
+        self._held = self.frame.held
         self.n_free = len(self._held.index)
         self.n_rows = len(self.rows)
         self.size = self.n_free + self.n_rows
@@ -150,36 +151,9 @@ class Scene:
         return self._held.to_global(local.reshape(-1, 3))
 
     def refuse_free_motion(self, x: np.ndarray, e: float) -> None:
-        """Raises ValueError if the body can be moved rigidly without any resistance at (x, e).
-
-        A term with a barrier (``longest_step``) may hold the body later, so such scenes pass.
-        """
-        u = self.displacement(x, e)
-        stiffness = self.evaluate(u, e, 2).stiffness
-        if stiffness is None or any(hasattr(term, "longest_step") for term in self.terms):
-            return
-        now = (self.body.nodes + u) - self.body.nodes.mean(axis=0)
-        modes = [np.broadcast_to(axis, now.shape) for axis in np.eye(3)]
-        modes += [np.cross(axis, now) / self.body.length for axis in np.eye(3)]
-        M = np.column_stack([self._held.to_local(m.copy()).ravel() for m in modes])
-        against = np.vstack([M[~self._held.free], self._C @ M])
-        left = np.eye(6)
-        if len(against):
-            _, sizes, rest = np.linalg.svd(against, full_matrices=True)
-            left = rest[np.sum(sizes > 1e-9 * max(sizes.max(), 1e-300)) :].T
-        if not left.size:
-            return
-        free = np.stack([self._held.to_global((M @ k).reshape(-1, 3)) for k in left.T])
-        a = np.repeat(np.arange(self.graph.n), np.diff(self.graph.indptr))
-        pull = np.einsum("bij,kbj->kbi", stiffness, free[:, self.graph.indices])
-        work = np.einsum("kbi,lbi->kl", pull, free[:, a])
-        size = np.abs(stiffness[a == self.graph.indices]).max() * (free**2).sum((1, 2)).max()
-        loose = int(np.sum(np.abs(np.linalg.eigvalsh((work + work.T) / 2)) < 1e-10 * size))
-        if loose:
-            raise ValueError(
-                f"{loose} of the body's rigid motions meet no resistance; hold them by Fixed, or "
-                "by translation_row and rotation_row"
-            )
+        """Raises ValueError if nodes have no stiffness at (x, e), or the body or a part of it can
+        be moved rigidly without any resistance; see :mod:`solver.equilibrium.checks`."""
+        checks.refuse_free_motion(self, x, e)
 
     # -- the sum of the terms --------------------------------------------------------------------
 
@@ -270,9 +244,9 @@ class Scene:
         R = np.empty(self.size)
         R[: self.n_free] = local[self._held.index]
         if self.n_rows:
-            R[: self.n_free] += self._C[:, self._held.index].T @ x[self.n_free :]
+            R[: self.n_free] += self.frame.C_free.T @ x[self.n_free :]
             targets = [r.value(e) if callable(r.value) else r.value for r in self.rows]
-            R[self.n_free :] = self._C @ self._held.to_local(u).ravel() - targets
+            R[self.n_free :] = self.frame.C @ self._held.to_local(u).ravel() - targets
         return R
 
     def factorised(self, values: np.ndarray) -> Factor:

@@ -41,6 +41,14 @@ def varies(value) -> bool:
     return callable(value)
 
 
+def numbers(name: str, value) -> np.ndarray:
+    """``value`` as an array of floats; ValueError for text, ragged lists and the like."""
+    try:
+        return np.asarray(value, dtype=float)
+    except (TypeError, ValueError):
+        raise ValueError(f"{name} is {value!r:.60}; expected numbers") from None
+
+
 def resolve(
     name: str,
     value: Quantity,
@@ -61,7 +69,7 @@ def resolve(
             value = value(e, points())
         else:
             value = value(e)
-    a = np.asarray(value, dtype=float)
+    a = numbers(name, value)
     m, q = shape
     if a.shape == tail:
         a = a.reshape(1, 1, *tail)

@@ -16,7 +16,7 @@ import numpy as np
 
 from solver.mesh.body import Body, NodeGraph, Surface
 from solver.physics.fields import Quantity, resolve
-from solver.physics.supports import Fixed
+from solver.physics.supports import Fixed, node_numbers
 from solver.physics.term import Evaluation
 
 
@@ -147,7 +147,7 @@ class Pressure:
         held = np.zeros((n, 3, 3))  # Σ d ⊗ d of the directions held
         for support in fixed:
             d = np.asarray(support.direction, dtype=float)
-            held[support.nodes] += np.outer(d, d) / (d @ d)
+            held[node_numbers(support.nodes, n)] += np.outer(d, d) / (d @ d)
         size, vectors = np.linalg.eigh(held)
         kept = np.where(size > 1e-9, 0.0, 1.0)
         free = np.einsum("nik,nk,njk->nij", vectors, kept, vectors)

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from solver.mesh.body import Body
+from solver.physics.fields import numbers
 
 Value = float | np.ndarray | Callable[[float], float | np.ndarray]
 
@@ -16,8 +17,10 @@ Value = float | np.ndarray | Callable[[float], float | np.ndarray]
 class Fixed:
     """Displacement of ``nodes`` along ``direction`` (3,) prescribed as ``value``, maybe of e.
 
-    A mirror plane with normal n is ``Fixed(nodes_on_it, n)``. Directions at one node may be at any
-    angle where all of them are held at 0, and must be orthogonal or repeat each other otherwise.
+    ``nodes``: numbers, or a mask (n,) of all nodes of the body; ``value``: one number (m) or one
+    per node. A mirror plane with normal n is ``Fixed(nodes_on_it, n)``. Directions at one node may
+    be at any angle where all of them are held at 0, and must be orthogonal or repeat each other,
+    with the same value, otherwise.
     """
 
     nodes: np.ndarray
@@ -42,71 +45,96 @@ class Held:
     """
 
     def __init__(self, n: int, fixed: Sequence[Fixed]):
-        """Raises ValueError for directions that are zero or contradict each other."""
-        directions: dict[int, list[tuple[np.ndarray, int]]] = {}
+        """Raises ValueError for nodes that don't exist, directions that are zero, values that are
+        not one number or one per node, and supports that contradict each other at e = 0."""
+        # Of each node: direction, number of the support, place among the support's nodes.
+        directions: dict[int, list[tuple[np.ndarray, int, int]]] = {}
+        self._chosen = [node_numbers(support.nodes, n) for support in fixed]
+        self._given = [support.value for support in fixed]
+        # Supports (first, k) that hold a node along one direction: node, places, sense.
+        repeats: dict[tuple[int, int], list[tuple[int, int, int, float]]] = {}
         for k, support in enumerate(fixed):
-            d = np.asarray(support.direction, dtype=float)
-            if d.shape != (3,) or not np.linalg.norm(d) > 0:
-                raise ValueError(f"direction {support.direction!r}: expected three numbers, not 0")
-            d = d / np.linalg.norm(d)
-            for node in np.atleast_1d(support.nodes):
+            d = _unit(support.direction)
+            for place, node in enumerate(self._chosen[k]):
                 known = directions.setdefault(int(node), [])
-                along = [abs(d @ other) for other, _ in known]
-                if any(c > 1 - 1e-9 for c in along):
+                along = [float(d @ other) for other, _, _ in known]
+                same = np.flatnonzero(np.abs(along) > 1 - 1e-9)
+                if len(same):
+                    _, first, there = known[same[0]]
+                    sense = np.sign(along[same[0]])
+                    repeats.setdefault((first, k), []).append((node, there, place, sense))
                     continue
                 new = d
-                if any(c > 1e-9 for c in along):
-                    if any(not _is_zero(fixed[i].value) for i in (k, *(i for _, i in known))):
+                if any(abs(c) > 1e-9 for c in along):
+                    if any(not _is_zero(fixed[i].value) for i in (k, *(i for _, i, _ in known))):
                         raise ValueError(
                             f"node {node} is moved along directions at an angle to each other; "
                             "give orthogonal directions, or hold all of them at 0"
                         )
                     # At rest only the space that the directions span matters.
-                    for other, _ in known:
+                    for other, _, _ in known:
                         new = new - (new @ other) * other
                     if np.linalg.norm(new) < 1e-9:
                         continue
                     new = new / np.linalg.norm(new)
-                known.append((new, k))
+                known.append((new, k, place))
         frames = np.zeros((n, 3, 3))
         frames[:] = np.eye(3)
-        held = np.full((n, 3), -1)
+        held, places = np.full((n, 3), -1), np.zeros((n, 3), int)
         turned = []
         for node, given in directions.items():
-            axes = [int(np.argmax(np.abs(d))) for d, _ in given]
-            aligned = all(abs(abs(d[a]) - 1) < 1e-12 for (d, _), a in zip(given, axes, strict=True))
-            if aligned:
-                for (_, k), a in zip(given, axes, strict=True):
-                    held[node, a] = k
-                continue
-            basis = np.array([d for d, _ in given])
-            rest = np.linalg.svd(basis)[2][len(given) :]
-            frames[node] = np.vstack([basis, rest]).T  # columns: held directions first
-            held[node, : len(given)] = [k for _, k in given]
-            turned.append(node)
+            basis = np.array([d for d, _, _ in given])
+            axes = np.argmax(np.abs(basis), axis=1)
+            aligned = np.abs(basis[np.arange(len(given)), axes]) > 1 - 1e-12
+            if not aligned.all():
+                rest = np.linalg.svd(basis)[2][len(given) :]
+                frames[node] = np.vstack([basis, rest]).T  # columns: held directions first
+                axes = np.arange(len(given))
+                turned.append(node)
+            held[node, axes] = [k for _, k, _ in given]
+            places[node, axes] = [place for _, _, place in given]
         self.frames, self.turned = frames, np.array(sorted(turned), dtype=int)
         self.free = held.ravel() < 0
         self.index = np.flatnonzero(self.free)
-        # Values per prescribed component, in its own frame; the sign of an axis counts.
-        self._values = []
+        # Where each support's values go, (component, sign of its axis, place among the nodes).
+        self._places = []
         for k, support in enumerate(fixed):
             nodes, axes = np.nonzero(held == k)
-            d = np.asarray(support.direction, dtype=float)
-            d = d / np.linalg.norm(d)
-            sign = np.einsum("ij,ij->i", frames[nodes][:, :, :].transpose(0, 2, 1)[
-                np.arange(len(nodes)), axes], np.broadcast_to(d, (len(nodes), 3)))  # fmt: skip
-            at = np.searchsorted(np.sort(np.atleast_1d(support.nodes)), nodes)
-            order = np.argsort(np.atleast_1d(support.nodes))
-            self._values.append((support.value, 3 * nodes + axes, sign, order[at]))
+            sign = frames[nodes, :, axes] @ _unit(support.direction)
+            self._places.append((3 * nodes + axes, sign, places[nodes, axes]))
+        self._repeats = [(*pair, *np.array(rows).T) for pair, rows in repeats.items()]
+        self.values(0.0)
 
     def values(self, e: float) -> np.ndarray:
-        """Prescribed components at the load e, 0 at the free ones, (3 n,)."""
+        """Prescribed components at the load e, 0 at the free ones, (3 n,).
+
+        Raises ValueError where a node is given two values along one direction.
+        """
         local = np.zeros(len(self.free))
-        for value, where, sign, order in self._values:
-            v = value(e) if callable(value) else value
-            v = np.asarray(v, dtype=float)
-            local[where] = sign * (v[order] if v.ndim else v)
+        given = [self._value(k, e) for k in range(len(self._given))]
+        for v, (where, sign, place) in zip(given, self._places, strict=True):
+            local[where] = sign * v[place]
+        for first, k, nodes, there, place, sense in self._repeats:
+            a, b = given[first][there.astype(int)], sense * given[k][place.astype(int)]
+            off = np.flatnonzero(np.abs(a - b) > 1e-12 * max(np.abs(a).max(), np.abs(b).max()))
+            if len(off):
+                i = off[0]
+                raise ValueError(
+                    f"node {nodes[i]:.0f} is moved by {a[i]:g} and by {b[i]:g} along one direction "
+                    f"at e = {e:g}; two supports contradict each other, drop one"
+                )
         return local
+
+    def _value(self, k: int, e: float) -> np.ndarray:
+        """The value of support k at each of its nodes."""
+        value, shape = self._given[k], self._chosen[k].shape
+        v = numbers("a support's value", value(e) if callable(value) else value)
+        if v.shape not in ((), (1,), shape) or not np.isfinite(v).all():
+            raise ValueError(
+                f"a support's value at e = {e:g} has shape {v.shape}; expected one finite number, "
+                f"or one for each of its {shape[0]} nodes"
+            )
+        return np.broadcast_to(v, shape)
 
     def to_local(self, v: np.ndarray) -> np.ndarray:
         """A field (n, 3) from the common frame into the nodes' own."""
@@ -127,6 +155,31 @@ class Held:
         return out
 
 
+def node_numbers(nodes, n: int) -> np.ndarray:
+    """Numbers of nodes given as such or as a mask (n,).
+
+    Raises ValueError where there are none, or they are no nodes of a body of n.
+    """
+    given = np.atleast_1d(nodes) if numbers("nodes", nodes).size else np.zeros(0, int)
+    if given.dtype == bool and given.shape == (n,):
+        given = np.flatnonzero(given)
+    if given.ndim != 1 or not len(given) or given.dtype.kind not in "iu":
+        raise ValueError(
+            f"nodes of shape {given.shape} and type {given.dtype}; expected numbers of nodes or a "
+            f"mask ({n},), and at least one: Body.nodes_where gives them"
+        )
+    if given.min() < 0 or given.max() >= n:
+        raise ValueError(f"nodes {given.min()} … {given.max()}; the body has 0 … {n - 1}")
+    return given.astype(int)
+
+
+def _unit(direction) -> np.ndarray:
+    d = numbers("direction", direction)
+    if d.shape != (3,) or not (np.isfinite(d).all() and np.linalg.norm(d) > 0):
+        raise ValueError(f"direction {direction!r}: expected three numbers, not 0")
+    return d / np.linalg.norm(d)
+
+
 def _is_zero(value: Value) -> bool:
     """Whether a prescribed value is 0 at every load."""
     return not callable(value) and not np.any(value)
@@ -140,34 +193,27 @@ def translation_row(body: Body, axis: int) -> Row:
     return Row(c, name=f"translation {'xyz'[axis]}")
 
 
-def rotation_row(body: Body, axis: int) -> Row:
-    """No mean rotation about an axis: ∫ (X − X̄) × u dV = 0 (Eq. 2.17), scaled to unit arm."""
-    volume = body.node_volumes()
-    arm = body.nodes - volume @ body.nodes / volume.sum()
-    c = np.zeros_like(arm)
-    i, j = (axis + 1) % 3, (axis + 2) % 3
-    # ((X − X̄) × u)_axis = arm_i u_j − arm_j u_i
-    c[:, j], c[:, i] = volume * arm[:, i], -volume * arm[:, j]
-    c /= volume @ (arm[:, i] ** 2 + arm[:, j] ** 2) / body.length
-    return Row(c, name=f"rotation {'xyz'[axis]}")
+def rotation_row(
+    body: Body, axis: int, u: np.ndarray | None = None, mirrors: Sequence[str] = ()
+) -> Row:
+    """No mean rotation about an axis: ∫ (X − X̄) × u dV = 0 (Eq. 2.17), scaled to unit arm.
 
-
-def turning_row(body: Body, axis: int, u: np.ndarray, mirrors: Sequence[str] = ()) -> Row:
-    """No further mean rotation about an axis beyond the displacement u (nodes, 3).
-
-    The arms are those of the deformed state, from the centroid of the whole that ``mirrors`` makes
-    of the body: those of the flat sheet see no rotation of a unit whose panels point back.
+    With a displacement ``u`` (nodes, 3): no further rotation beyond it, seen with the arms of that
+    state, from the centroid of the whole that ``mirrors`` make of the body: the arms of the flat
+    sheet see no rotation of a unit whose panels point back.
     """
     volume = body.node_volumes()
-    arm = body.nodes + u
+    arm = body.nodes if u is None else body.nodes + u
     centre = volume @ arm / volume.sum()
     centre[["xy".index(m) for m in mirrors]] = 0.0
     arm = arm - centre
     c = np.zeros_like(arm)
     i, j = (axis + 1) % 3, (axis + 2) % 3
+    # ((X − X̄) × u)_axis = arm_i u_j − arm_j u_i
     c[:, j], c[:, i] = volume * arm[:, i], -volume * arm[:, j]
     c /= volume @ (arm[:, i] ** 2 + arm[:, j] ** 2) / body.length
-    return Row(c, value=float((c * u).sum()), name=f"rotation {'xyz'[axis]}")
+    value = 0.0 if u is None else float((c * u).sum())
+    return Row(c, value, f"rotation {'xyz'[axis]}")
 
 
 def _sight(row: Row, positions: np.ndarray) -> float:

@@ -30,7 +30,7 @@ from solver.physics.ground import Ground, GroundExponential
 from solver.physics.growth import Orthotropic
 from solver.physics.loads import Gravity
 from solver.physics.materials import NeoHookean
-from solver.physics.supports import Fixed, _sight, translation_row, turning_row
+from solver.physics.supports import Fixed, _sight, rotation_row, translation_row
 from solver.physics.term import Term
 
 
@@ -270,5 +270,5 @@ def _held(body: Body, supports: Supports, heavy: bool, u: np.ndarray):
     turns = {0: 1 not in axes, 1: 0 not in axes, 2: not axes}
     for axis, loose in turns.items():
         if loose and (axis == 2 or supports.upright or not heavy):
-            rows.append(turning_row(body, axis, u))
+            rows.append(rotation_row(body, axis, u))
     return fixed, rows

@@ -15,7 +15,7 @@ from scipy.linalg import qr
 from solver.cases.unit.model import Model, plane
 from solver.equilibrium.linear import SingularMatrix
 from solver.equilibrium.scene import Scene
-from solver.physics.supports import Fixed, turning_row
+from solver.physics.supports import Fixed, rotation_row
 
 # What a mode does, by the mirror planes that it keeps.
 CLASSES = {("x", "y"): "symmetric", ("y",): "sideways", ("x",): "rocking", (): "twisting"}
@@ -105,5 +105,5 @@ class Symmetries:
             odd_about = turns not in mirrors or turns in odd
             even_about = other not in mirrors or other in kept
             if odd_about and even_about:
-                rows.append(turning_row(self.model.body, axis, u, mirrors).coefficients)
+                rows.append(rotation_row(self.model.body, axis, u, mirrors).coefficients)
         return rows
