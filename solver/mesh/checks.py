@@ -18,7 +18,7 @@ from scipy.spatial import cKDTree
 
 # det(∂X/∂ξ) over the product of its columns' lengths below which a cell counts as flat.
 FLAT = 1e-12
-# Nodes closer than this share of the mesh's extent coincide.
+# Nodes closer than this fraction of the mesh's extent coincide.
 TOUCH = 1e-7
 CHUNK = 4096
 
@@ -217,15 +217,15 @@ def hanging(mesh: skfem.Mesh, table: Facets) -> np.ndarray:
     bins = (at[0] * n + at[1]) * n + at[2]
     order = np.argsort(bins, kind="stable")
     starts = np.searchsorted(bins[order], np.arange(n**3 + 1))
-    found = _on_triangles(
+    inside = _on_triangles(
         P, owner.astype(np.int64), X, corners.astype(np.int64), lo, hi, order, starts, n, slack
     )
-    return corners[found]
+    return corners[inside]
 
 
 @numba.njit(cache=True)
 def _on_triangles(P, owner, X, corners, lo, hi, order, starts, n, slack):
-    found = np.zeros(len(X), np.bool_)
+    inside = np.zeros(len(X), np.bool_)
     for f in range(len(P)):
         a, e1, e2 = P[f, 0], P[f, 1] - P[f, 0], P[f, 2] - P[f, 0]
         g11, g12, g22 = (e1 * e1).sum(), (e1 * e2).sum(), (e2 * e2).sum()
@@ -250,8 +250,8 @@ def _on_triangles(P, owner, X, corners, lo, hi, order, starts, n, slack):
                         continue
                     gap = d - r * e1 - t * e2
                     if np.sqrt((gap * gap).sum()) <= slack:
-                        found[v] = True
-    return found
+                        inside[v] = True
+    return inside
 
 
 def refuse_gaps(mesh: skfem.Mesh, table: Facets) -> None:

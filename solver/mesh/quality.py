@@ -139,13 +139,13 @@ def _through(mesh: skfem.Mesh, d: np.ndarray) -> dict[str, tuple[float, float]]:
         at = {round(c @ (1, 2, 4)): a for a, c in enumerate(mesh.elem.refdom.p.T)}
         tetrahedra = [[at[0], at[i], at[j], at[7]] for i, j in PATHS]
     named = mesh.subdomains or {"the mesh": np.arange(mesh.t.shape[1])}
-    found = {}
+    counted = {}
     for name, chosen in named.items():
         chosen = np.asarray(chosen)
         counts = []
         for cell in chosen[np.linspace(0, len(chosen) - 1, min(SAMPLES, len(chosen))).astype(int)]:
             p = across[:, :, cell].mean(axis=1)
-            # Off the centre by odd shares of the cell, so that the line meets no edge.
+            # Off the centre by odd fractions of the cell, so that the line meets no edge.
             p = p + (high - low)[:, cell] * (0.0137, 0.0071)
             hit = ((low[:, chosen] <= p[:, None]) & (p[:, None] <= high[:, chosen])).all(axis=0)
             crossed = chosen[hit]
@@ -155,8 +155,8 @@ def _through(mesh: skfem.Mesh, d: np.ndarray) -> dict[str, tuple[float, float]]:
             )
             if chord.sum() > 0:
                 counts.append(chord.sum() ** 2 / (chord @ extent[crossed]))
-        found[name] = (float(np.min(counts)), float(np.median(counts)))
-    return found
+        counted[name] = (float(np.min(counts)), float(np.median(counts)))
+    return counted
 
 
 def _chord(a: np.ndarray, h: np.ndarray) -> np.ndarray:
@@ -166,14 +166,14 @@ def _chord(a: np.ndarray, h: np.ndarray) -> np.ndarray:
         # Barycentric coordinates of the line in the facet's projection.
         area = _cross(a[:, j] - a[:, i], a[:, k] - a[:, i])
         with np.errstate(divide="ignore", invalid="ignore"):
-            share = (
+            weights = (
                 np.stack(
                     [_cross(a[:, j], a[:, k]), _cross(a[:, k], a[:, i]), _cross(a[:, i], a[:, j])]
                 )
                 / area
             )
-            inside = (area != 0) & (share >= 0).all(axis=0)
-            at = (share * h[[i, j, k]]).sum(axis=0)
+            inside = (area != 0) & (weights >= 0).all(axis=0)
+            at = (weights * h[[i, j, k]]).sum(axis=0)
         lo = np.where(inside, np.minimum(lo, at), lo)
         hi = np.where(inside, np.maximum(hi, at), hi)
     return np.maximum(hi - lo, 0)

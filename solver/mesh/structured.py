@@ -168,8 +168,8 @@ def box(
         element, box_corners = linear.elem(), grid[cells]  # (k, m, 3)
 
         def positions(at: np.ndarray) -> np.ndarray:
-            share = [element.lbasis(at[:, None], a)[0].item() for a in range(len(box_corners))]
-            points = np.einsum("a,amj->mj", share, box_corners)
+            weights = [element.lbasis(at[:, None], a)[0].item() for a in range(len(box_corners))]
+            points = np.einsum("a,amj->mj", weights, box_corners)
             return points if shape is None else _shaped(shape, points)
 
         mesh = curved(linear, positions)

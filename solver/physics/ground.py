@@ -37,7 +37,7 @@ class Ground:
     continuously differentiable). The floor, where the energy becomes infinite, lies ``depth``
     thicknesses below the ground, and the barrier ends ``reach`` thicknesses above it; r is their
     sum. κ is such that a surface under ``pressure`` rests exactly at ``height``: give the weight
-    per area of what lies there (without weight, a small share of its modulus). So no point sinks
+    per area of what lies there (without weight, a small fraction of its modulus). So no point sinks
     deeper than ``depth``, and nothing hovers higher than ``reach``, whatever the load.
 
     It acts at the nodes of the surface (and facet centres where the nodes alone make no positive

@@ -29,7 +29,7 @@ class Term(Protocol):
 
     ``graph``: where its stiffness blocks stand (None: it has none). ``symmetric``: whether its
     stiffness is. ``evaluate(u, e, order)``: order 0 asks for the energy, 1 for energy and force, 2
-    for the stiffness too. A barrier may also have ``longest_step(u, du) -> float``, the share of du
+    for the stiffness too. A barrier may also have ``longest_step(u, du) -> float``, the part of du
     that stays admissible.
     """
 

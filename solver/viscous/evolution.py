@@ -34,7 +34,7 @@ class TimeSteps:
     or where ``tolerance`` is given the first one, also after each break. ``tolerance``: largest
     error of a step, as a strain of the dashpots; the step then follows from it. ``order``: 1
     backward Euler, 2 BDF2 (first steps and those after a break are backward Euler's). ``smallest``,
-    ``largest``: bounds of the step as shares of ``step``.
+    ``largest``: bounds of the step as fractions of ``step``.
 
     Raises ValueError for sizes that are not positive and orders that don't exist.
     """
@@ -161,10 +161,10 @@ def start(scene: Scene, t: float = 0.0, e: float = 0.0) -> State:
 
 def viscous(scene: Scene) -> list[Viscous]:
     """The viscous terms of a scene; raises ValueError if there is none."""
-    found = [term for term in scene.terms if isinstance(term, Viscous)]
-    if not found:
+    viscous = [term for term in scene.terms if isinstance(term, Viscous)]
+    if not viscous:
         raise ValueError("the scene has no Viscous term; swap an Elastic one for it")
-    return found
+    return viscous
 
 
 def march(
@@ -203,10 +203,10 @@ def march(
     scene.refuse_free_motion(state.x, load(state.t))
     for _ in range(max_steps):
         target = next(s for s in stops if s > state.t)
-        found = _advance(scene, terms, state, stepper, target, load, jumps)
-        if isinstance(found, Outcome):
-            return found
-        state = found
+        following = _advance(scene, terms, state, stepper, target, load, jumps)
+        if isinstance(following, Outcome):
+            return following
+        state = following
         yield state
         if state.t == until:
             return Outcome.REACHED
@@ -261,36 +261,36 @@ def _advance(scene, terms, state, stepper, target, load, jumps) -> State | Outco
     step = state.step if state.step > 0 else stepper.step
     spent, failed = 0, None
     while step >= stepper.smallest * stepper.step:
-        left = target - state.t
-        # The last two steps share what is left; fixed steps keep to their size.
+        remaining = target - state.t
+        # The last two steps are equal; fixed steps keep to their size.
         if stepper.tolerance is None:
-            dt = left if left < step * (1 + 1e-6) else step
+            dt = remaining if remaining < step * (1 + 1e-6) else step
         else:
-            dt = left / ceil(left / step - 1e-9) if left < 2 * step else step
-        t = target if dt >= left * (1 - 1e-12) else state.t + dt
+            dt = remaining / ceil(remaining / step - 1e-9) if remaining < 2 * step else step
+        t = target if dt >= remaining * (1 - 1e-12) else state.t + dt
         e = load(np.nextafter(t, -np.inf) if t in jumps else t)
-        found = _attempt(scene, terms, state, stepper, t, dt, e)
-        if isinstance(found, State):
-            error = found.error
+        attempt = _attempt(scene, terms, state, stepper, t, dt, e)
+        if isinstance(attempt, State):
+            error = attempt.error
             if stepper.tolerance is not None:
-                power = 1 / (found.order + 1)
-                share = 0.9 * (stepper.tolerance / max(error, 1e-300)) ** power
+                power = 1 / (attempt.order + 1)
+                factor = 0.9 * (stepper.tolerance / max(error, 1e-300)) ** power
                 if error > stepper.tolerance * 1.2 and state.past:
-                    spent += found.iterations
-                    step = dt * max(0.2, share)
+                    spent += attempt.iterations
+                    step = dt * max(0.2, factor)
                     continue
-                following = dt * min(2.0, max(0.2, share))
+                following = dt * min(2.0, max(0.2, factor))
                 following = min(following, stepper.largest * stepper.step)
             else:
                 following = min(stepper.step, 4 * step)
             landed = t in jumps
             return replace(
-                found,
+                attempt,
                 step=stepper.step if landed else following,
-                past=() if landed else found.past,
-                iterations=found.iterations + spent,
+                past=() if landed else attempt.past,
+                iterations=attempt.iterations + spent,
             )
-        failed, cost = found
+        failed, cost = attempt
         spent += cost
         step = dt / 4
     return failed if failed is Outcome.DISSIPATION else Outcome.MIN_STEP
@@ -315,25 +315,25 @@ def _attempt(scene, terms, state, stepper, t, dt, e) -> State | tuple[Outcome, i
         swap = {id(a): b for a, b in zip(terms, following, strict=True)}
         now = scene.with_terms([swap.get(id(term), term) for term in scene.terms])
         for guess in _guesses(state, t):
-            found = newton(
+            result = newton(
                 now, guess, e, rtol=stepper.rtol, max_iterations=stepper.max_iterations,
                 unstable=0, fresh=False,
             )  # fmt: skip
-            spent += found.iterations
-            failed = found.outcome
-            if found.converged:
+            spent += result.iterations
+            failed = result.outcome
+            if result.converged:
                 break
         else:
             return failed, spent
-        u = scene.displacement(found.x, e)
+        u = scene.displacement(result.x, e)
         memories = tuple(term.memory(u, e) for term in following)
         if any(memory is None for memory in memories):
             return Outcome.INADMISSIBLE, spent
-        level = Level(t, found.x, memories)
-        shares = [term.dissipation(m, e) for term, m in zip(following, memories, strict=True)]
-        works = [work for _, work in shares]
+        level = Level(t, result.x, memories)
+        losses = [term.dissipation(m, e) for term, m in zip(following, memories, strict=True)]
+        works = [work for _, work in losses]
         taken, worked = (
-            sum(term.integral(v[k].sum(-1), e) for term, v in zip(following, shares, strict=True))
+            sum(term.integral(v[k].sum(-1), e) for term, v in zip(following, losses, strict=True))
             for k in (0, 1)
         )
         least = min(
@@ -365,8 +365,8 @@ def _guesses(state: State, t: float) -> list[np.ndarray]:
     levels = (state.level, *state.past)[:3]
     guess = np.zeros_like(state.x)
     for a in levels:
-        share = np.prod([(t - b.t) / (a.t - b.t) for b in levels if b is not a])
-        guess += share * a.x
+        weight = np.prod([(t - b.t) / (a.t - b.t) for b in levels if b is not a])
+        guess += weight * a.x
     return [guess, state.x] if len(levels) > 1 else [state.x]
 
 
@@ -382,7 +382,7 @@ def _error(level: Level, past: tuple[Level, ...], order: int) -> float:
         return 0.0
     levels = levels[:need]
     dt = levels[0].t - levels[1].t
-    shares = [np.prod([1 / (a.t - b.t) for b in levels if b is not a]) for a in levels]
+    weights = [np.prod([1 / (a.t - b.t) for b in levels if b is not a]) for a in levels]
     if need == 3:
         factor = dt * dt
     else:
@@ -390,6 +390,6 @@ def _error(level: Level, past: tuple[Level, ...], order: int) -> float:
         factor = dt**3 * (1 + r) ** 2 / (r * (1 + 2 * r))
     most = 0.0
     for j in range(len(level.memories)):
-        strains = sum(s * a.memories[j].strains for s, a in zip(shares, levels, strict=True))
+        strains = sum(w * a.memories[j].strains for w, a in zip(weights, levels, strict=True))
         most = max(most, float(np.abs(strains).max(initial=0.0)))
     return factor * most / 2

@@ -250,7 +250,7 @@ def step(F, table, order, w, P, A, inner):
                     t = 1.0 if size < 0.6 else 0.6 / size
                     for a in range(6):
                         Y[a] += t * d[a]
-                    # The step is quadratic: after one of 1e-9 nothing is left.
+                    # The step is quadratic: after one of 1e-9 nothing remains.
                     if size < 1e-9 and convex:
                         done = True
                         break

@@ -262,14 +262,14 @@ def channel(tree: Rheology, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]
 def times(tree: Rheology, values: np.ndarray) -> list[float]:
     """Finite relaxation (ε held) and retardation (σ held) times of :func:`channel`."""
     K, N = channel(tree, values)
-    found = []
+    finite = []
     for k in (0, 1):
         if len(K) > k:
             rates, _ = la.eig(K[k:, k:], N[k:, k:], homogeneous_eigvals=True)
             a, b = np.abs(rates)
             scale = a > 1e-9 * np.abs(K).max(), b > 1e-9 * np.abs(N).max()
-            found += list(b[scale[0] & scale[1]] / a[scale[0] & scale[1]])
-    return sorted(float(t) for t in found)
+            finite += list(b[scale[0] & scale[1]] / a[scale[0] & scale[1]])
+    return sorted(float(t) for t in finite)
 
 
 def _thinned(table: np.ndarray, most: int = 64) -> np.ndarray:

@@ -182,7 +182,7 @@ class Increment:
             good, data = self._tree(F, table, 0, psi, P, A)
             if not good:
                 return None
-            return data.strains.reshape(c, q, -1, 6), data.found.reshape(c, q, -1, 6)
+            return data.strains.reshape(c, q, -1, 6), data.joints.reshape(c, q, -1, 6)
         _, dashpots, maxwell = self._branches
         inner = np.empty((c, q, max(len(maxwell), 1), 6))
         if not step(F, table, 0, psi, P, A, inner):
@@ -278,10 +278,10 @@ class Viscous(Elastic):
         for start in range(0, len(self.ids), size):
             ids = self.ids[start : start + size]
             deform(ids, body.cells, body.gradients, u, inverse, G, F)
-            found = self.material.after(F[: len(ids)], table[ids])
-            if found is None:
+            after = self.material.after(F[: len(ids)], table[ids])
+            if after is None:
                 return None
-            strains[ids], joints[ids] = found
+            strains[ids], joints[ids] = after
         return Memory(strains, joints)
 
     def dissipation(self, after: Memory, e: float) -> tuple[np.ndarray, np.ndarray]:
@@ -328,11 +328,11 @@ def softened(
     and all other terms stay as they are, and so does the analysed pattern. Raises ValueError if the
     scene has no such term, or the mask none of its cells.
     """
-    found = [t for t in scene.terms if isinstance(t, Elastic) and t.name == term]
-    if not found:
+    elastic = [t for t in scene.terms if isinstance(t, Elastic) and t.name == term]
+    if not elastic:
         names = ", ".join(t.name for t in scene.terms if isinstance(t, Elastic)) or "none"
         raise ValueError(f"no Elastic term {term!r}; there are: {names}")
-    (old,) = found
+    (old,) = elastic
     mine = np.zeros(len(old.body.cells), bool)
     mine[old.ids] = True
     chosen = mine if cells is None else mine & np.asarray(cells)

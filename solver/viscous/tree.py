@@ -25,16 +25,16 @@ class Points:
     """What the parts need at each of n points, in the order of leaves and joints.
 
     ``moduli`` (n, springs, 2): λ, μ; ``rates`` (n, dashpots, 14): k, its constant, P, Q;
-    ``guess`` (n, joints, 6): U to start from. ``found`` takes U, ``strains`` C of each dashpot.
+    ``guess`` (n, joints, 6): U to start from. ``joints`` takes U, ``strains`` C of each dashpot.
     """
 
     def __init__(self, moduli, rates, guess):
         self.moduli, self.rates, self.guess = moduli, rates, guess
-        self.found, self.strains = guess.copy(), np.empty((*rates.shape[:2], 6))
+        self.joints, self.strains = guess.copy(), np.empty((*rates.shape[:2], 6))
 
     def part(self, rows: np.ndarray) -> Points:
         """Some of the points."""
-        return Points(self.moduli[rows], self.rates[rows], self.found[rows])
+        return Points(self.moduli[rows], self.rates[rows], self.joints[rows])
 
 
 def respond(tree: Rheology, C: np.ndarray, data: Points):
@@ -91,7 +91,7 @@ def _series(parts, C, data, at):
     """The first part against the rest of a series, with the stretch U of the rest solved for."""
     at[2] += 1
     joint = at[2] - 1
-    U, begin = data.found[:, joint].copy(), list(at)
+    U, begin = data.joints[:, joint].copy(), list(at)
     for _ in range(ITERATIONS):
         at[:] = begin
         _, gU, HU, _ = _split(parts, C, nine(U), data, at)
@@ -109,7 +109,7 @@ def _series(parts, C, data, at):
             break
     else:
         raise Inadmissible
-    data.found[:, joint] = U
+    data.joints[:, joint] = U
     at[:] = begin
     w, _, HU, (gC, HC, HUC) = _split(parts, C, nine(U), data, at)
     return w, gC, HC - np.swapaxes(HUC, 1, 2) @ np.linalg.solve(HU, HUC)

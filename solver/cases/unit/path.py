@@ -44,7 +44,7 @@ class Ending(Enum):
         "the panels' contact is known in the mirror plane between them, and the unit lost that "
         "symmetry"
     )
-    NO_REST = "the flat unit found no rest on the ground"
+    NO_REST = "the flat unit came to no rest on the ground"
 
 
 @dataclass(frozen=True, eq=False)
@@ -191,7 +191,7 @@ def refined(
 ) -> Folding | None:
     """The last state (``earlier``: the one before it) on another mesh: one equilibrium, no path.
 
-    None where the body went elsewhere (a curve by more than a tenth of the sheet), or found no
+    None where the body went elsewhere (a curve by more than a tenth of the sheet), or reached no
     stable state nearby: then the path itself must be followed there. ``deadline``: as in
     :class:`solver.cases.unit.choices.Watch`.
     """
