@@ -12,28 +12,21 @@ from solver.physics.ground import Ground
 from solver.physics.growth import General
 from solver.physics.loads import Gravity, LineLoad, Traction
 from solver.physics.materials import NeoHookean
+from solver.physics.rows import mean_displacement_row
 from solver.physics.supports import Fixed, Row, rotation_row
 
-# Means over lines of one or two quadratic elements, by their number of nodes.
-SIMPSON = {3: np.array([1, 4, 1]) / 6, 5: np.array([1, 4, 2, 4, 1]) / 12}
 
-
-def hinge(body, face, radius, components):
-    """Rows that keep the mean of u over the thickness at 0 along an end face.
+def hinge(body, face, components):
+    """Rows that keep the mean of u over the thickness at 0 along an end face; ``face``: nodes.
 
     A hinge on one line of a solid lets that line sink into it, which a shell's hinge does not.
-    ``face``: nodes; ``radius``: their coordinate through the thickness.
     """
     rows = []
     for z in np.unique(body.nodes[face, 2].round(9)):
-        line = face[np.abs(body.nodes[face, 2] - z) < 1e-6]
-        line = line[np.argsort(radius[line])]
-        for k in components:
-            if k == 2 and abs(z) < 1e-9:
-                continue  # on the mirror plane z = 0 that component is held already
-            c = np.zeros_like(body.nodes)
-            c[line, k] = SIMPSON[len(line)]
-            rows.append(Row(c, name="hinge"))
+        line = Line.of(body, face[np.abs(body.nodes[face, 2] - z) < 1e-6])
+        # On the mirror plane z = 0 the component along z is held already.
+        along = [k for k in components if k != 2 or abs(z) > 1e-9]
+        rows += [mean_displacement_row(body, line, AXES[k]) for k in along]
     return rows
 
 
@@ -56,7 +49,7 @@ def arch(*, hinged, n=16, e_to=1.0, whole=False, h=0.1875):
     for end in (low, high) if whole else (low,):
         face = np.flatnonzero(np.abs(angle - end) < 1e-9)
         if hinged:
-            rows += hinge(body, face, radius, (0, 1))
+            rows += hinge(body, face, (0, 1))
         else:
             fixed += [Fixed(face, AXES[0]), Fixed(face, AXES[1])]
     if not whole:
@@ -79,8 +72,8 @@ def roof(*, h=12.7, n=6, e_to=3.0):
     z = graded(0, half, n, toward="a", ratio=2)
     body = Body.build(box(r, angles, z, shape=polar), "hex27")
     X = body.nodes
-    radius, at = np.hypot(X[:, 0], X[:, 1]), np.arctan2(X[:, 1], X[:, 0])
-    rows = hinge(body, np.flatnonzero(np.abs(at - angles[0]) < 1e-9), radius, (0, 1, 2))
+    at = np.arctan2(X[:, 1], X[:, 0])
+    rows = hinge(body, np.flatnonzero(np.abs(at - angles[0]) < 1e-9), (0, 1, 2))
     fixed = [*held(body, 0, 0.0, 0), *held(body, 2, 0.0, 2)]
     crown = np.flatnonzero((np.abs(X[:, 0]) < 1e-6) & (np.abs(X[:, 2]) < 1e-6))
     load = LineLoad(body, Line.of(body, crown), lambda e: (0, -e * e_to * 1000 / 4 / h, 0))
@@ -126,9 +119,8 @@ def frame(*, n=(6, 2, 6), corner=2.0):
         return np.stack([np.where(up, -t, s - L - lean), np.where(up, s + lean, L + t), z], -1)
 
     body = Body.build(box(s, [-h / 2, h / 2], [0, 1.0], shape=shape), "hex27", bent=0)
-    X = body.nodes
-    rows = hinge(body, body.nodes_where(near(1, 0.0)), X[:, 0], (0, 1))
-    rows += hinge(body, body.nodes_where(near(0, L)), X[:, 1], (0, 1))
+    rows = hinge(body, body.nodes_where(near(1, 0.0)), (0, 1))
+    rows += hinge(body, body.nodes_where(near(0, L)), (0, 1))
     fixed = [*held(body, 2, 0.0, 2), *held(body, 2, 1.0, 2)]
     at = body.nodes_where(lambda X: np.abs(X[:, :2] - (24, L)).max(axis=1) < 1e-9)
     load = LineLoad(body, Line.of(body, at), lambda e: (0, -e, 0))
