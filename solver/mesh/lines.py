@@ -12,6 +12,7 @@ from itertools import combinations
 import numpy as np
 
 from solver.mesh.body import ELEMENTS, Body
+from solver.mesh.given import node_numbers
 
 _X, _W = (np.polynomial.legendre.leggauss(3) + np.array([[1.0], [0.0]])) / 2
 # Linear and quadratic shapes on [0, 1] and their slopes at the points, by nodes of a segment.
@@ -65,24 +66,6 @@ class Line:
         along = np.einsum("qk,lki->lqi", _SLOPES[k], body.nodes[every])
         weights = _W * np.linalg.norm(along, axis=-1)
         return cls(every, np.broadcast_to(_SHAPES[k], (*weights.shape, k)), weights)
-
-
-def node_numbers(nodes: np.ndarray, n: int) -> np.ndarray:
-    """Numbers of nodes given as such or as a mask (n,).
-
-    Raises ValueError where there are none, or they are no nodes of a body of n.
-    """
-    given = np.atleast_1d(np.asarray(nodes))
-    if given.dtype == bool and given.shape == (n,):
-        given = np.flatnonzero(given)
-    if given.ndim != 1 or not len(given) or given.dtype.kind not in "iu":
-        raise ValueError(
-            f"nodes of shape {given.shape} and type {given.dtype}; expected numbers of nodes or a "
-            f"mask ({n},), and at least one: Body.nodes_where gives them"
-        )
-    if given.min() < 0 or given.max() >= n:
-        raise ValueError(f"nodes {given.min()} … {given.max()}; the body has 0 … {n - 1}")
-    return given.astype(int)
 
 
 def _segments(element: str) -> np.ndarray:

@@ -15,6 +15,8 @@ from collections.abc import Callable
 
 import numpy as np
 
+from solver.mesh.given import numbers
+
 Quantity = float | np.ndarray | Callable
 Points = Callable[[], np.ndarray]
 
@@ -39,14 +41,6 @@ def takes_position(value) -> bool:
 def varies(value) -> bool:
     """Whether a quantity is a function."""
     return callable(value)
-
-
-def numbers(name: str, value) -> np.ndarray:
-    """``value`` as an array of floats; ValueError for text, ragged lists and the like."""
-    try:
-        return np.asarray(value, dtype=float)
-    except (TypeError, ValueError):
-        raise ValueError(f"{name} is {value!r:.60}; expected numbers") from None
 
 
 def resolve(

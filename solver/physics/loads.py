@@ -9,7 +9,8 @@ import numpy as np
 import scipy.sparse as sp
 
 from solver.mesh.body import Body, NodeGraph, Surface
-from solver.mesh.lines import Line, node_numbers
+from solver.mesh.given import node_numbers
+from solver.mesh.lines import Line
 from solver.physics.fields import Quantity, Unphysical, resolve, varies
 from solver.physics.term import Evaluation
 

@@ -15,8 +15,9 @@ import numba
 import numpy as np
 
 from solver.mesh.body import Body, NodeGraph, Surface
+from solver.mesh.given import node_numbers
 from solver.physics.fields import Quantity, resolve
-from solver.physics.supports import Fixed, node_numbers
+from solver.physics.supports import Fixed
 from solver.physics.term import Evaluation
 
 

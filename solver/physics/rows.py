@@ -12,7 +12,7 @@ import numpy as np
 
 from solver.mesh.body import Body, Surface
 from solver.mesh.lines import Line
-from solver.physics.supports import Row, Value
+from solver.physics.supports import Row, Value, unit_vector
 
 
 def mean_displacement_row(
@@ -23,7 +23,7 @@ def mean_displacement_row(
     A face held so in the mean can still turn: the hinge of a beam or shell, which on a single line
     of a solid would let that line sink into it. Raises ValueError for a direction that is none.
     """
-    d = _unit("direction", direction)
+    d = unit_vector(direction)
     share = np.einsum("fq,fqk->fk", region.weights, region.shapes)
     return _row(body, region, share[..., None] * d / region.weights.sum(), value, "displacement")
 
@@ -40,7 +40,7 @@ def mean_rotation_row(
     1.6 % at 1 rad and h/L = 0.01). Raises ValueError for an axis that is none, or along which the
     region lies.
     """
-    a = _unit("axis", axis)
+    a = unit_vector(axis, "axis")
     X = np.einsum("fqk,fki->fqi", region.shapes, body.nodes[region.nodes])
     centre = np.einsum("fq,fqi->i", region.weights, X) / region.weights.sum()
     turn = np.cross(a, X - centre)
@@ -92,10 +92,3 @@ def _row(body: Body, region, share: np.ndarray, value: Value, what: str) -> Row:
     c = np.zeros_like(body.nodes)
     np.add.at(c, region.nodes, share)
     return Row(c, value, f"mean {what}")
-
-
-def _unit(what: str, vector: Sequence[float]) -> np.ndarray:
-    v = np.asarray(vector, dtype=float)
-    if v.shape != (3,) or not (np.isfinite(v).all() and np.linalg.norm(v) > 0):
-        raise ValueError(f"{what} {vector!r}: expected three numbers, not all 0")
-    return v / np.linalg.norm(v)

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from solver.mesh.body import Body
-from solver.physics.fields import numbers
+from solver.mesh.given import node_numbers, numbers
 
 Value = float | np.ndarray | Callable[[float], float | np.ndarray]
 
@@ -54,7 +54,7 @@ class Held:
         # Supports (first, k) that hold a node along one direction: node, places, sense.
         repeats: dict[tuple[int, int], list[tuple[int, int, int, float]]] = {}
         for k, support in enumerate(fixed):
-            d = _unit(support.direction)
+            d = unit_vector(support.direction)
             for place, node in enumerate(self._chosen[k]):
                 known = directions.setdefault(int(node), [])
                 along = [float(d @ other) for other, _, _ in known]
@@ -100,7 +100,7 @@ class Held:
         self._places = []
         for k, support in enumerate(fixed):
             nodes, axes = np.nonzero(held == k)
-            sign = frames[nodes, :, axes] @ _unit(support.direction)
+            sign = frames[nodes, :, axes] @ unit_vector(support.direction)
             self._places.append((3 * nodes + axes, sign, places[nodes, axes]))
         self._repeats = [(*pair, *np.array(rows).T) for pair, rows in repeats.items()]
         self.values(0.0)
@@ -155,28 +155,11 @@ class Held:
         return out
 
 
-def node_numbers(nodes, n: int) -> np.ndarray:
-    """Numbers of nodes given as such or as a mask (n,).
-
-    Raises ValueError where there are none, or they are no nodes of a body of n.
-    """
-    given = np.atleast_1d(nodes) if numbers("nodes", nodes).size else np.zeros(0, int)
-    if given.dtype == bool and given.shape == (n,):
-        given = np.flatnonzero(given)
-    if given.ndim != 1 or not len(given) or given.dtype.kind not in "iu":
-        raise ValueError(
-            f"nodes of shape {given.shape} and type {given.dtype}; expected numbers of nodes or a "
-            f"mask ({n},), and at least one: Body.nodes_where gives them"
-        )
-    if given.min() < 0 or given.max() >= n:
-        raise ValueError(f"nodes {given.min()} … {given.max()}; the body has 0 … {n - 1}")
-    return given.astype(int)
-
-
-def _unit(direction) -> np.ndarray:
-    d = numbers("direction", direction)
+def unit_vector(direction, what: str = "direction") -> np.ndarray:
+    """The unit vector along ``direction`` (3,); ValueError for anything else."""
+    d = numbers(what, direction)
     if d.shape != (3,) or not (np.isfinite(d).all() and np.linalg.norm(d) > 0):
-        raise ValueError(f"direction {direction!r}: expected three numbers, not 0")
+        raise ValueError(f"{what} {direction!r}: expected three numbers, not 0")
     return d / np.linalg.norm(d)
 
 
