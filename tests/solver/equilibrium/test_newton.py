@@ -6,7 +6,7 @@ from path_toys import carousel, function_scene, truss
 
 from solver.equilibrium.descent import descend
 from solver.equilibrium.linear import make_solver
-from solver.equilibrium.newton import Outcome, newton
+from solver.equilibrium.newton import Outcome, damped, newton
 from solver.equilibrium.scene import Scene
 from solver.mesh.body import Body
 from solver.mesh.structured import box
@@ -19,6 +19,14 @@ from solver.physics.supports import Fixed
 from solver.physics.term import Evaluation
 
 # -- Newton -----------------------------------------------------------------------------------
+
+
+def test_a_full_step_must_reduce_the_correction_by_a_quarter():
+    def residual(z):  # a correction of 0.9 follows the full step, of 0.8 the half
+        return np.where(z > 0.75, -0.9, -0.8)
+
+    step = damped(residual, lambda R: R, np.zeros(1), np.ones(1), lambda dz: abs(dz[0]))
+    assert (step.fraction, step.z[0]) == (0.5, 0.5)
 
 
 def test_newton_converges_where_the_plain_iteration_diverges():

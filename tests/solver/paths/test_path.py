@@ -283,6 +283,9 @@ def test_steps_and_bounds_run_out():
     bound = trace(scene, rest(scene), TRUSS_ARC, until=load(1), max_steps=99, bounds=(-1e-4, 1))
     assert bound.outcome is Outcome.OUT_OF_BOUNDS
     assert all(p.e >= -1e-4 for p in bound.points)
+    above = trace(scene, rest(scene), TRUSS_ARC, until=load(1), max_steps=99, bounds=(-1, 1e-4))
+    assert above.outcome is Outcome.OUT_OF_BOUNDS
+    assert all(p.e <= 1e-4 for p in above.points)
 
 
 # -- a strip that folds itself ----------------------------------------------------------------
