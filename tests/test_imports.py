@@ -50,7 +50,7 @@ MAY = {
     },
 }  # fmt: skip
 # Within foldlab.labels only what a solver label is made of sees the solver.
-SOLVER = {"foldlab/labels/solver.py", "foldlab/labels/run.py"}
+SOLVER = {"foldlab/labels/solver.py", "foldlab/labels/run.py", "foldlab/labels/rod.py"}
 FILES = sorted(p for top in ("solver", "foldlab") for p in (ROOT / top).rglob("*.py"))
 
 

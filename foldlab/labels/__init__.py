@@ -6,12 +6,13 @@ from importlib import import_module
 _HOMES = {
     "Label": "foldlab.labels.label",
     "LabelStore": "foldlab.labels.store",
+    "RodSource": "foldlab.labels.rod",
     "SolverSource": "foldlab.labels.solver",
     "TimoshenkoSource": "foldlab.labels.timoshenko",
     "make_source": "foldlab.labels.solver",
 }
 
-__all__ = ["Label", "LabelStore", "SolverSource", "TimoshenkoSource", "make_source"]
+__all__ = ["Label", "LabelStore", "RodSource", "SolverSource", "TimoshenkoSource", "make_source"]
 
 
 def __getattr__(name: str):

@@ -17,6 +17,7 @@ from foldlab.labels.asked import Conditions, Effort
 from foldlab.labels.foldability import Thresholds
 from foldlab.labels.label import Label
 from foldlab.labels.memory import forget_peak
+from foldlab.labels.rod import RodSource
 from foldlab.labels.run import Run
 from foldlab.labels.timoshenko import TimoshenkoSource
 from foldlab.settings import call
@@ -268,7 +269,7 @@ LARGEST = {2: 6000, 3: 20000}
 ACROSS = 0.2
 
 
-SOURCES = {"timoshenko": TimoshenkoSource, "solver": SolverSource}
+SOURCES = {"timoshenko": TimoshenkoSource, "rod": RodSource, "solver": SolverSource}
 
 
 def make_source(name: str, settings: Mapping[str, Any] | None = None, **fixed):
