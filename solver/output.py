@@ -45,21 +45,23 @@ def cell_fields(
 ) -> dict[str, np.ndarray]:
     """Fields at the quadrature points from the Elastic terms among ``terms``, for ``write_vtu``.
 
-    "F" (m, q, 3, 3); "cauchy" = J⁻¹ P Fᵀ (m, q, 3, 3), in the material's stress; "growth" = Fg
-    (m, q, 3, 3); "energy density" = Jg ψ(Fe) per reference volume (m, q). Stress and energy of
-    terms on the same cells add; growth is the last such term's. Raises ValueError if there is no
-    Elastic term, for a u of another shape, and for a state that a material does not admit.
+    "F" (m, q, 3, 3); "cauchy" = J⁻¹ P Fᵀ (m, q, 3, 3) and "P" = ∂(Jg ψ)/∂F (m, q, 3, 3), in the
+    material's stress; "growth" = Fg (m, q, 3, 3); "energy density" = Jg ψ(Fe) per reference volume
+    (m, q). Stress and energy of terms on the same cells add; growth is the last such term's. Of
+    viscous terms take those of the step (:func:`solver.viscous.evolution.stepped`). Raises
+    ValueError if there is no Elastic term, for a u of another shape, and for a state that a
+    material does not admit.
     """
     elastic = [t for t in terms if isinstance(t, Elastic)]
     if not elastic:
         raise ValueError("no Elastic term, so there is no stress to write; leave the fields out")
     m, q = shape = body.weights.shape
     F = np.eye(3) + np.einsum("mki,mqkj->mqij", _displacement(body, u)[body.cells], body.gradients)
-    stress, density = np.zeros((m, q, 3, 3)), np.zeros(shape)
+    stress, nominal, density = np.zeros_like(F), np.zeros_like(F), np.zeros(shape)
     growth = np.tile(np.eye(3), (m, q, 1, 1))
     for term in elastic:
         ids = term.ids
-        Fe, volume = F[ids], np.ones((1, 1))
+        Fe, inverse, volume = F[ids], np.eye(3), np.ones((1, 1))
         if term.growth is not None:
             inverse, volume = term.growth.evaluate(e, shape, body.points)
             inverse = inverse[ids] if len(inverse) > 1 else inverse
@@ -78,8 +80,9 @@ def cell_fields(
             )
         # J⁻¹ P Fᵀ with P = Jg Pe Fg⁻ᵀ is Je⁻¹ Pe Feᵀ.
         stress[ids] += P @ np.swapaxes(Fe, 2, 3) / np.linalg.det(Fe)[..., None, None]
+        nominal[ids] += volume[..., None, None] * P @ np.swapaxes(inverse, -1, -2)
         density[ids] += volume * psi
-    return {"F": F, "cauchy": stress, "growth": growth, "energy density": density}
+    return {"F": F, "cauchy": stress, "P": nominal, "growth": growth, "energy density": density}
 
 
 def grid(

@@ -19,7 +19,7 @@ import numpy as np
 
 from solver.equilibrium.newton import Outcome, newton
 from solver.equilibrium.scene import Scene
-from solver.viscous.term import Memory, Past, Viscous
+from solver.viscous.term import Memory, Past, over_step, viscous
 
 
 class Unresolved(UserWarning):
@@ -159,14 +159,6 @@ def start(scene: Scene, t: float = 0.0, e: float = 0.0) -> State:
     return State(Level(t, np.zeros(scene.size), memories), e=e)
 
 
-def viscous(scene: Scene) -> list[Viscous]:
-    """The viscous terms of a scene; raises ValueError if there is none."""
-    viscous = [term for term in scene.terms if isinstance(term, Viscous)]
-    if not viscous:
-        raise ValueError("the scene has no Viscous term; swap an Elastic one for it")
-    return viscous
-
-
 def march(
     scene: Scene,
     state: State,
@@ -191,11 +183,7 @@ def march(
         raise ValueError(f"until = {until:g}; expected a time after the state's, {state.t:g}")
     if max_steps < 1:
         raise ValueError(f"max_steps = {max_steps}; expected at least 1")
-    if len(state.x) != scene.size or len(state.level.memories) != len(terms):
-        raise ValueError(
-            f"the state has {len(state.x)} unknowns and {len(state.level.memories)} memories, the "
-            f"scene {scene.size} and {len(terms)}; it belongs to another scene"
-        )
+    _refuse_other(scene, state)
     if stepper.tolerance is None:
         warn_unresolved(terms, stepper.step, load, state.t, until)
     stops = sorted({b for b in breaks if state.t < b < until} | {until})
@@ -222,6 +210,23 @@ def evolve(scene: Scene, state: State, stepper: TimeSteps, **options) -> History
             states.append(next(walk))
         except StopIteration as stop:
             return History(tuple(states), stop.value)
+
+
+def stepped(scene: Scene, before: State, after: State) -> Scene:
+    """The scene over the step from ``before`` to ``after``, two states in turn of one path.
+
+    Its terms give the forces and energies of ``after``, :func:`solver.output.cell_fields` of its
+    terms the stress, :func:`solver.equilibrium.reactions.reaction` what its supports carry; the
+    terms of ``scene`` itself know only their own first step. Raises ValueError for states that do
+    not follow each other, or of another scene.
+    """
+    if after.index != before.index + 1 or not np.isclose(after.t - before.t, after.dt):
+        raise ValueError(
+            f"states {before.index} at t = {before.t:g} and {after.index} at t = {after.t:g} do "
+            "not follow each other; give a state of a path and the one after it"
+        )
+    _refuse_other(scene, before)
+    return over_step(scene, _pasts(before, after.dt, after.order))
 
 
 def warn_unresolved(terms, dt: float, load, t: float, until: float) -> None:
@@ -255,6 +260,24 @@ def warn_unresolved(terms, dt: float, load, t: float, until: float) -> None:
                 Unresolved,
                 stacklevel=3,
             )
+
+
+def _refuse_other(scene: Scene, state: State) -> None:
+    terms = viscous(scene)
+    if len(state.x) != scene.size or len(state.level.memories) != len(terms):
+        raise ValueError(
+            f"the state has {len(state.x)} unknowns and {len(state.level.memories)} memories, the "
+            f"scene {scene.size} and {len(terms)}; it belongs to another scene"
+        )
+
+
+def _pasts(state: State, dt: float, order: int) -> list[Past]:
+    """What a step of dt from a state starts from, of each viscous term."""
+    if order == 1:
+        return [Past(memory, dt) for memory in state.level.memories]
+    last = state.past[0]
+    pairs = zip(state.level.memories, last.memories, strict=True)
+    return [Past(memory, dt, earlier, state.t - last.t) for memory, earlier in pairs]
 
 
 def _advance(scene, terms, state, stepper, target, load, jumps) -> State | Outcome:
@@ -301,19 +324,11 @@ def _attempt(scene, terms, state, stepper, t, dt, e) -> State | tuple[Outcome, i
     spent = 0
     failed = Outcome.NOT_CONVERGED
     for order in range(min(stepper.order, 1 + len(state.past)), 0, -1):
-        pasts = []
-        for j in range(len(terms)):
-            before = state.level.memories[j]
-            if order == 2:
-                last = state.past[0]
-                pasts.append(Past(before, dt, last.memories[j], state.t - last.t))
-            else:
-                pasts.append(Past(before, dt))
+        pasts = _pasts(state, dt, order)
         if not all(past.sound for past in pasts):
             continue
-        following = [term.stepped(past) for term, past in zip(terms, pasts, strict=True)]
-        swap = {id(a): b for a, b in zip(terms, following, strict=True)}
-        now = scene.with_terms([swap.get(id(term), term) for term in scene.terms])
+        now = over_step(scene, pasts)
+        following = viscous(now)
         for guess in _guesses(state, t):
             result = newton(
                 now, guess, e, rtol=stepper.rtol, max_iterations=stepper.max_iterations,

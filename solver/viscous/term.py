@@ -7,6 +7,7 @@ by the constructor; :mod:`solver.viscous.evolution` goes from step to step.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -312,6 +313,21 @@ class Viscous(Elastic):
         J = self._at(e)[2]
         weights = self.body.weights * J if len(J) else self.body.weights
         return float((weights * density)[self.ids].sum())
+
+
+def viscous(scene: Scene) -> list[Viscous]:
+    """The viscous terms of a scene; raises ValueError if there is none."""
+    viscous = [term for term in scene.terms if isinstance(term, Viscous)]
+    if not viscous:
+        raise ValueError("the scene has no Viscous term; swap an Elastic one for it")
+    return viscous
+
+
+def over_step(scene: Scene, pasts: Sequence[Past]) -> Scene:
+    """The scene with its viscous terms over the step that starts from their pasts, one each."""
+    terms = viscous(scene)
+    swap = {id(a): a.stepped(past) for a, past in zip(terms, pasts, strict=True)}
+    return scene.with_terms([swap.get(id(term), term) for term in scene.terms])
 
 
 def softened(

@@ -10,7 +10,7 @@ from solver.mesh.body import ELEMENTS, Body
 from solver.mesh.structured import box, polar
 from solver.output import Series, cell_fields, grid, write_vtu
 from solver.physics.elastic import Elastic
-from solver.physics.growth import Orthotropic
+from solver.physics.growth import General, Orthotropic
 from solver.physics.materials import NeoHookean
 
 TYPES = {"hex27": 29, "hex20": 25, "hex8": 12, "tet10": 24, "tet4": 10}
@@ -112,6 +112,7 @@ def test_stress_growth_and_energy(element):
     )
     F, sigma = fields["F"], fields["cauchy"]
     P = np.linalg.det(F)[..., None, None] * sigma @ np.swapaxes(np.linalg.inv(F), 2, 3)
+    np.testing.assert_allclose(fields["P"], P, atol=1e-12)
     nodal = np.einsum("mq,mqij,mqkj->mki", body.weights, P, body.gradients)
     force = np.zeros_like(u)
     np.add.at(force, body.cells, nodal)
@@ -122,6 +123,17 @@ def test_stress_growth_and_energy(element):
         fields["growth"][high], np.broadcast_to(np.diag([1, 0.8, 1]), F[high].shape), atol=1e-12
     )
     np.testing.assert_allclose(fields["growth"][~high], np.broadcast_to(np.eye(3), F[~high].shape))
+
+
+def test_nominal_stress_of_terms_on_the_same_cells_with_skew_growth():
+    body = make("hex8")
+    Fg = np.eye(3) + np.random.default_rng(1).uniform(-0.2, 0.2, (3, 3))
+    terms = [Elastic(body, NeoHookean(2.0, 0.3), General(Fg)), Elastic(body, NeoHookean(1.0, 0.2))]
+    u = body.nodes @ np.random.default_rng(2).uniform(-0.2, 0.2, (3, 3))
+    P = cell_fields(body, u, terms, 0.0)["P"]
+    force = np.zeros_like(u)
+    np.add.at(force, body.cells, np.einsum("mq,mqij,mqkj->mki", body.weights, P, body.gradients))
+    np.testing.assert_allclose(force, sum(t.evaluate(u, 0.0).force for t in terms), atol=1e-12)
 
 
 def test_free_growth_leaves_no_stress_in_the_file(tmp_path):

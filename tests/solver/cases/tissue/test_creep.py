@@ -1,6 +1,7 @@
 """Paths in time: creep and relaxation against closed forms, discrete schemes and ODEs."""
 
 import warnings
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -10,9 +11,20 @@ from viscous_references import TREES, kelvin_voigt_path, sls_path
 import solver.viscous.evolution as evolution
 from solver.cases.tissue import creep
 from solver.equilibrium.newton import Outcome
+from solver.equilibrium.reactions import reaction
 from solver.equilibrium.scene import Scene
+from solver.output import cell_fields
 from solver.physics.supports import Fixed
-from solver.viscous.evolution import State, TimeSteps, Unresolved, evolve, march, start, viscous
+from solver.viscous.evolution import (
+    State,
+    TimeSteps,
+    Unresolved,
+    evolve,
+    march,
+    start,
+    stepped,
+    viscous,
+)
 from solver.viscous.rheology import SLS, KelvinVoigt, Maxwell, Series
 from solver.viscous.term import Viscous
 
@@ -153,10 +165,9 @@ def test_relaxation_against_an_ode(order, dts):
         now = evolution.replace(path.last, past=(), step=0.0)
         path = followed(scene, stepper, until=1.0, breaks=(), state=now)
         pull = []
-        for before, after in zip(path.states, path.states[1:], strict=False):
-            term = viscous(scene)[0].stepped(step_of(before, after))
-            u = scene.displacement(after.x, after.e)
-            pull.append(term.evaluate(u, after.e, 1).force[end, 0].sum())
+        for before, after in pairwise(path.states):
+            now = stepped(scene, before, after)
+            pull.append(reaction(now, after.x, after.e, end).force[0])
         return np.abs(np.interp(ends, path.times[1:], pull) - exact).max() / peak
 
     found, rates = errors(order, dts, error)
@@ -164,14 +175,40 @@ def test_relaxation_against_an_ode(order, dts):
     assert found[-1] < (1e-3 if order == 2 else 1e-2)
 
 
-def step_of(before, after):
-    level, earlier = before.level, after.past[1] if after.order == 2 else None
-    return evolution.Past(
-        level.memories[0],
-        after.dt,
-        earlier.memories[0] if earlier else None,
-        level.t - earlier.t if earlier else None,
-    )
+@pytest.mark.parametrize("order", [1, 2])
+def test_stress_of_a_state_is_what_the_ends_carry(order):
+    # One wide and high, so P is the pull; under a traction it is the traction, at every instant.
+    stretch, stepper = 1.4, TimeSteps(1e-11, 0.05, order=order)
+    scene, end = pulled(SLS(1.0, 2.0, 0.3, 0.6), 0.05, stretch)
+    loaded = creep.scene(KelvinVoigt(1.0, 0.3, 0.6), lambda t: 0.3, 0.05)
+    for case in (scene, loaded):
+        path = followed(case, stepper, until=0.5, breaks=(0.3,))
+        seen = []
+        for before, after in pairwise(path.states):
+            now, u = stepped(case, before, after), case.displacement(after.x, after.e)
+            fields = cell_fields(case.body, u, now.terms, after.e)
+            want = 0.3 if case is loaded else reaction(now, after.x, after.e, end).force[0]
+            axial = np.zeros((3, 3))
+            axial[0, 0] = want
+            assert fields["P"] == approx(np.broadcast_to(axial, fields["P"].shape), abs=1e-7)
+            width = fields["F"][..., 1, 1] * fields["F"][..., 2, 2]
+            assert fields["cauchy"][..., 0, 0] == approx(want / width, rel=1e-6)
+            seen.append(want)
+        assert case is loaded or seen[-1] < 0.7 * seen[0]
+    # The scene's own term knows its first step alone.
+    own = cell_fields(loaded.body, u, loaded.terms, after.e)["P"][..., 0, 0]
+    assert np.abs(own - 0.3).max() > 0.1
+
+
+def test_a_step_lies_between_two_states_in_turn():
+    scene = creep.scene(Maxwell(1.0, 0.3, 1.0), 1e-2, 0.1)
+    path = followed(scene, TimeSteps(1e-10, 0.05), until=0.2, breaks=())
+    for pair in ((0, 2), (2, 1), (1, 1)):
+        with pytest.raises(ValueError, match="do not follow each other"):
+            stepped(scene, *(path.states[k] for k in pair))
+    other = creep.scene(Maxwell(1.0, 0.3, 1.0), 1e-2, 0.1, element="hex27")
+    with pytest.raises(ValueError, match="belongs to another scene"):
+        stepped(other, *path.states[:2])
 
 
 def test_finite_kelvin_voigt_against_an_ode():
