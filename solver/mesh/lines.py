@@ -11,7 +11,7 @@ from itertools import combinations
 
 import numpy as np
 
-from solver.mesh.body import ELEMENTS, Body
+from solver.mesh.body import ELEMENTS, Body, Surface
 from solver.mesh.given import node_numbers
 
 _X, _W = (np.polynomial.legendre.leggauss(3) + np.array([[1.0], [0.0]])) / 2
@@ -66,6 +66,19 @@ class Line:
         along = np.einsum("qk,lki->lqi", _SLOPES[k], body.nodes[every])
         weights = _W * np.linalg.norm(along, axis=-1)
         return cls(every, np.broadcast_to(_SHAPES[k], (*weights.shape, k)), weights)
+
+
+def refuse_region(body: Body, region, *kinds: type) -> None:
+    """Raises ValueError for what is none of ``kinds`` (Surface, Line), or is not of the body."""
+    if not isinstance(region, kinds):
+        makers = {Surface: "a Surface (Body.surface)", Line: "a Line (Line.of)"}
+        expected = " or ".join(makers[kind] for kind in kinds)
+        raise ValueError(f"got {type(region).__name__} {region!r:.40}; expected {expected}")
+    if region.nodes.max() >= len(body.nodes):
+        raise ValueError(
+            f"the {type(region).__name__} has node {region.nodes.max()}, the body "
+            f"{len(body.nodes)} nodes; it belongs to another body"
+        )
 
 
 def _segments(element: str) -> np.ndarray:

@@ -10,7 +10,7 @@ import scipy.sparse as sp
 
 from solver.mesh.body import Body, NodeGraph, Surface
 from solver.mesh.given import node_numbers
-from solver.mesh.lines import Line
+from solver.mesh.lines import Line, refuse_region
 from solver.physics.fields import Quantity, Unphysical, resolve, varies
 from solver.physics.term import Evaluation
 
@@ -98,6 +98,7 @@ class Traction(DeadLoad):
     """Dead traction on a face, force per reference area; see :class:`DeadLoad`."""
 
     def __init__(self, body: Body, surface: Surface, vector: Quantity, *, name: str = "traction"):
+        refuse_region(body, surface, Surface)
         super().__init__(body, surface, vector, name)
 
 
@@ -108,6 +109,7 @@ class LineLoad(DeadLoad):
     """
 
     def __init__(self, body: Body, line: Line, vector: Quantity, *, name: str = "line load"):
+        refuse_region(body, line, Line)
         super().__init__(body, line, vector, name)
 
 
@@ -158,6 +160,7 @@ class Foundation:
         name: str = "foundation",
     ):
         self.name = name
+        refuse_region(body, surface, Surface)
         self.body, self.surface = body, surface
         self.normal, self.tangential = normal, tangential
         self.graph = NodeGraph.of(len(body.nodes), surface.nodes)

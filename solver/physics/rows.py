@@ -11,7 +11,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from solver.mesh.body import Body, Surface
-from solver.mesh.lines import Line
+from solver.mesh.lines import Line, refuse_region
 from solver.physics.supports import Row, Value, unit_vector
 
 
@@ -23,6 +23,7 @@ def mean_displacement_row(
     A face held so in the mean can still turn: the hinge of a beam or shell, which on a single line
     of a solid would let that line sink into it. Raises ValueError for a direction that is none.
     """
+    refuse_region(body, region, Surface, Line)
     d = unit_vector(direction)
     share = np.einsum("fq,fqk->fk", region.weights, region.shapes)
     return _row(body, region, share[..., None] * d / region.weights.sum(), value, "displacement")
@@ -40,6 +41,7 @@ def mean_rotation_row(
     1.6 % at 1 rad and h/L = 0.01). Raises ValueError for an axis that is none, or along which the
     region lies.
     """
+    refuse_region(body, region, Surface, Line)
     a = unit_vector(axis, "axis")
     X = np.einsum("fqk,fki->fqi", region.shapes, body.nodes[region.nodes])
     centre = np.einsum("fq,fqi->i", region.weights, X) / region.weights.sum()
@@ -60,6 +62,7 @@ def flat_rows(body: Body, surface: Surface) -> list[Row]:
     :func:`mean_rotation_row` about two axes it doesn't turn either. Raises ValueError for a face
     that isn't plane.
     """
+    refuse_region(body, surface, Surface)
     nodes = np.unique(surface.nodes)
     arm = body.nodes[nodes] - body.nodes[nodes].mean(axis=0)
     _, _, axes = np.linalg.svd(arm, full_matrices=False)

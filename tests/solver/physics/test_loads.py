@@ -144,6 +144,7 @@ def test_a_foundation_along_and_across_a_face():
 
 BODY = BODIES["hex8"]
 SIDE = BODY.surface(lambda X: X[:, 2] < 1e-9)
+TOP = BODIES["hex27"].surface(lambda X: X[:, 2] > 0.8 - 1e-9)
 
 
 @pytest.mark.parametrize(
@@ -160,6 +161,13 @@ SIDE = BODY.surface(lambda X: X[:, 2] < 1e-9)
         (lambda: LineLoad(BODY, Line.of(BODY, edge(BODY)), (1.0, 2.0)), "line load gave shape"),
         (lambda: PointLoad(BODY, [0, 1], np.ones((3, 3))), "point load gave shape"),
         (lambda: PointLoad(BODY, [-1], (0, 0, 1)), r"nodes -1 … -1; the body has"),
+        (
+            lambda: LineLoad(BODY, [0, 1], (0, 0, 1.0)),
+            r"got list \[0, 1\]; expected a Line \(Line.of",
+        ),
+        (lambda: Traction(BODY, "x+", (0, 0, 1.0)), "got str 'x.'; expected a Surface"),
+        (lambda: Foundation(BODY, edge(BODY), 1.0), "got ndarray .*; expected a Surface"),
+        (lambda: Traction(BODY, TOP, (0, 0, 1.0)), r"Surface has node \d+, .* another body"),
         (lambda: Foundation(BODY, SIDE, -1.0), "normal stiffness = -1 .*expected >= 0"),
         (lambda: Foundation(BODY, SIDE, 1.0, lambda e: e - 1), "tangential stiffness = -1 at e"),
         (lambda: Foundation(BODY, SIDE, np.ones(3)), "normal gave shape"),

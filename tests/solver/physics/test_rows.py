@@ -183,6 +183,9 @@ AT_REST = np.zeros(SCENE.size)
     ("make", "message"),
     [
         (lambda: mean_displacement_row(BODY, side(BODY), 0), "direction 0: expected three numbers"),
+        (lambda: mean_displacement_row(BODY, [0, 1], AXES[0]), "got list .*Surface .* or a Line"),
+        (lambda: mean_rotation_row(BODY, "x+", AXES[0]), "got str .*Surface .* or a Line"),
+        (lambda: flat_rows(BODY, side(BODIES["hex27"])), "it belongs to another body"),
         (lambda: mean_rotation_row(BODY, side(BODY), (0, 0, 0)), r"axis \(0, 0, 0\): expected"),
         (
             lambda: mean_rotation_row(
