@@ -47,80 +47,92 @@ class Held:
     def __init__(self, n: int, fixed: Sequence[Fixed]):
         """Raises ValueError for nodes that don't exist, directions that are zero, values that are
         not one number or one per node, and supports that contradict each other at e = 0."""
-        # Of each node: direction, number of the support, place among the support's nodes.
-        directions: dict[int, list[tuple[np.ndarray, int, int]]] = {}
         self._chosen = [node_numbers(support.nodes, n) for support in fixed]
         self._given = [support.value for support in fixed]
-        # Supports (first, k) that hold a node along one direction: node, places, sense.
-        repeats: dict[tuple[int, int], list[tuple[int, int, int, float]]] = {}
-        for k, support in enumerate(fixed):
-            d = unit_vector(support.direction)
-            for place, node in enumerate(self._chosen[k]):
-                known = directions.setdefault(int(node), [])
-                along = [float(d @ other) for other, _, _ in known]
-                same = np.flatnonzero(np.abs(along) > 1 - 1e-9)
-                if len(same):
-                    _, first, there = known[same[0]]
-                    sense = np.sign(along[same[0]])
-                    repeats.setdefault((first, k), []).append((node, there, place, sense))
-                    continue
-                new = d
-                if any(abs(c) > 1e-9 for c in along):
-                    if any(not _is_zero(fixed[i].value) for i in (k, *(i for _, i, _ in known))):
-                        raise ValueError(
-                            f"node {node} is moved along directions at an angle to each other; "
-                            "give orthogonal directions, or hold all of them at 0"
-                        )
-                    # At rest only the space that the directions span matters.
-                    for other, _, _ in known:
-                        new = new - (new @ other) * other
-                    if np.linalg.norm(new) < 1e-9:
-                        continue
-                    new = new / np.linalg.norm(new)
-                known.append((new, k, place))
+        directions = [unit_vector(support.direction) for support in fixed]
+        at_rest = np.array([_is_zero(value) for value in self._given])
+        # Of each node up to three orthonormal directions: the support that holds it along each,
+        # and the node's place among the nodes of that support.
+        basis, count = np.zeros((n, 3, 3)), np.zeros(n, int)
+        holder, places = np.full((n, 3), -1), np.zeros((n, 3), int)
+        # Who holds a node along a direction again: both supports, node, both places, sense.
+        repeats = []
+        for k, (chosen, d) in enumerate(zip(self._chosen, directions, strict=True)):
+            nodes, place, back = np.unique(chosen, return_index=True, return_inverse=True)
+            twice = np.flatnonzero(place[back] != np.arange(len(chosen)))
+            if len(twice):
+                repeats.append((k, k, chosen[twice], place[back[twice]], twice, 1.0))
+            along = basis[nodes] @ d
+            known = np.abs(along) > 1 - 1e-9
+            for slot in np.flatnonzero(known.any(axis=0)):
+                for first in np.unique(holder[nodes[known[:, slot]], slot]):
+                    i = np.flatnonzero(known[:, slot] & (holder[nodes, slot] == first))
+                    sense = np.sign(along[i, slot])
+                    repeats.append((first, k, nodes[i], places[nodes[i], slot], place[i], sense))
+            slanted = (np.abs(along) > 1e-9).any(axis=1) & ~known.any(axis=1)
+            free = slanted & ((holder[nodes] >= 0) & ~at_rest[holder[nodes]]).any(axis=1)
+            free |= slanted & ~at_rest[k]
+            if free.any():
+                raise ValueError(
+                    f"node {nodes[free][0]} is moved along directions at an angle to each other; "
+                    "give orthogonal directions, or hold all of them at 0"
+                )
+            # At rest only the space that the directions span matters.
+            new = d - np.einsum("ns,nsi->ni", along, basis[nodes])
+            size = np.linalg.norm(new, axis=1)
+            add = np.flatnonzero(~known.any(axis=1) & (size > 1e-9))
+            nodes, slot = nodes[add], count[nodes[add]]
+            basis[nodes, slot] = new[add] / size[add, None]
+            holder[nodes, slot], places[nodes, slot] = k, place[add]
+            count[nodes] += 1
+        axes = np.argmax(np.abs(basis), axis=2)
+        aligned = np.abs(basis).max(axis=2) > 1 - 1e-12
+        used = holder >= 0
+        turned = (used & ~aligned).any(axis=1)
+        axes[turned] = np.arange(3)
         frames = np.zeros((n, 3, 3))
         frames[:] = np.eye(3)
-        held, places = np.full((n, 3), -1), np.zeros((n, 3), int)
-        turned = []
-        for node, given in directions.items():
-            basis = np.array([d for d, _, _ in given])
-            axes = np.argmax(np.abs(basis), axis=1)
-            aligned = np.abs(basis[np.arange(len(given)), axes]) > 1 - 1e-12
-            if not aligned.all():
-                rest = np.linalg.svd(basis)[2][len(given) :]
-                frames[node] = np.vstack([basis, rest]).T  # columns: held directions first
-                axes = np.arange(len(given))
-                turned.append(node)
-            held[node, axes] = [k for _, k, _ in given]
-            places[node, axes] = [place for _, _, place in given]
-        self.frames, self.turned = frames, np.array(sorted(turned), dtype=int)
-        self.free = held.ravel() < 0
+        for c in (1, 2, 3):
+            at = np.flatnonzero(turned & (count == c))
+            given = basis[at, :c]
+            rest = np.linalg.svd(given)[2][:, c:]
+            # Columns: held directions first.
+            frames[at] = np.concatenate([given, rest], axis=1).transpose(0, 2, 1)
+        self.frames, self.turned = frames, np.flatnonzero(turned)
+        node, slot = np.nonzero(used)
+        axis = axes[node, slot]
+        self.free = np.ones(3 * n, bool)
+        self.free[3 * node + axis] = False
         self.index = np.flatnonzero(self.free)
-        # Where each support's values go, (component, sign of its axis, place among the nodes).
+        # Where each support's values go: component, sign of its axis, place among the nodes.
         self._places = []
-        for k, support in enumerate(fixed):
-            nodes, axes = np.nonzero(held == k)
-            sign = frames[nodes, :, axes] @ unit_vector(support.direction)
-            self._places.append((3 * nodes + axes, sign, places[nodes, axes]))
-        self._repeats = [(*pair, *np.array(rows).T) for pair, rows in repeats.items()]
-        self.values(0.0)
+        for k, d in enumerate(directions):
+            mine = np.flatnonzero(holder[node, slot] == k)
+            i, j = node[mine], axis[mine]
+            self._places.append((3 * i + j, frames[i, :, j] @ d, places[i, slot[mine]]))
+        self._repeats = repeats
+        self._moving = any(callable(value) for value in self._given)
+        self._start = self._at(0.0)
 
     def values(self, e: float) -> np.ndarray:
         """Prescribed components at the load e, 0 at the free ones, (3 n,).
 
         Raises ValueError where a node is given two values along one direction.
         """
+        return self._at(e) if self._moving else self._start.copy()
+
+    def _at(self, e: float) -> np.ndarray:
         local = np.zeros(len(self.free))
         given = [self._value(k, e) for k in range(len(self._given))]
         for v, (where, sign, place) in zip(given, self._places, strict=True):
             local[where] = sign * v[place]
         for first, k, nodes, there, place, sense in self._repeats:
-            a, b = given[first][there.astype(int)], sense * given[k][place.astype(int)]
+            a, b = given[first][there], sense * given[k][place]
             off = np.flatnonzero(np.abs(a - b) > 1e-12 * max(np.abs(a).max(), np.abs(b).max()))
             if len(off):
                 i = off[0]
                 raise ValueError(
-                    f"node {nodes[i]:.0f} is moved by {a[i]:g} and by {b[i]:g} along one direction "
+                    f"node {nodes[i]} is moved by {a[i]:g} and by {b[i]:g} along one direction "
                     f"at e = {e:g}; two supports contradict each other, drop one"
                 )
         return local

@@ -42,6 +42,9 @@ def test_two_values_on_the_same_nodes_contradict_each_other():
     np.testing.assert_allclose(agreed.values(0.0)[::3], [0.1, 0.1, 0.3])
     with pytest.raises(ValueError, match="contradict"):
         Held(3, [one, Fixed([1], -X, 0.1)])
+    # So do two values for one node within a support.
+    with pytest.raises(ValueError, match=r"node 2 is moved by 0\.1 and by 0\.4"):
+        Held(3, [Fixed([0, 2, 1, 2], X, [0.0, 0.1, 0.2, 0.4])])
     # Contradictions that come with the load are seen there.
     later = Held(3, [Fixed([0], X, lambda e: e), Fixed([0], X, lambda e: 2 * e)])
     with pytest.raises(ValueError, match=r"by 0\.5 and by 1 along one direction at e = 0\.5"):
@@ -52,6 +55,52 @@ def test_values_per_node_go_with_their_nodes_in_any_order():
     held = Held(5, [Fixed([4, 0, 2], [0, 3, 4], [0.4, 0.0, 0.2])])
     u = held.to_global(held.values(0.0).reshape(-1, 3))
     np.testing.assert_allclose(u @ [0, 0.6, 0.8], [0, 0, 0.2, 0, 0.4], atol=1e-15)
+
+
+def test_directions_at_an_angle_agree_only_at_rest():
+    for one, two in ((0.1, 0.0), (0.0, 0.1), (lambda e: 0.0, 0.0), (0.0, [0.0, 0.1])):
+        with pytest.raises(ValueError, match="node 1 is moved along directions at an angle"):
+            Held(3, [Fixed([0, 1], X, one), Fixed([2, 1], [1, 1, 0], two)])
+    assert list(np.flatnonzero(~Held(3, [Fixed([1], X), Fixed([1], [1, 1, 0])]).free)) == [3, 4]
+
+
+def test_every_support_is_met_whatever_its_direction_and_order():
+    rng = np.random.default_rng(3)
+    frame = np.linalg.qr(rng.normal(size=(3, 3)))[0]
+    everywhere = np.zeros(12)
+    everywhere[[7, 8]] = rng.normal(size=2)
+    fixed = [
+        Fixed([5, 3, 4], frame[0], lambda e: e * np.array([0.5, 0.3, 0.4])),
+        Fixed([2, 3, 4], -2 * frame[1], [0.2, 0.3, 0.4]),
+        Fixed([4, 3], frame[2], 0.7),
+        Fixed([3, 9, 3], frame[1], [-0.3, 0.9, -0.3]),
+        Fixed([8, 7], -Y, everywhere[[8, 7]]),
+        Fixed([7, 1], Z, [0.1, 0.6]),
+        Fixed([10, 11], [1, 1, 0]),
+        Fixed([11], [1, -2, 0]),
+        Fixed([11], X),
+    ]
+    held = Held(12, fixed)
+    u = held.to_global((held.values(0.5) + rng.normal(size=36) * held.free).reshape(-1, 3))
+    for support in fixed:
+        value = support.value(0.5) if callable(support.value) else support.value
+        d = np.asarray(support.direction) / np.linalg.norm(support.direction)
+        np.testing.assert_allclose(u[support.nodes] @ d, value, atol=1e-14)
+    assert np.bincount(np.flatnonzero(~held.free) // 3).tolist() == [
+        0,
+        1,
+        1,
+        3,
+        3,
+        1,
+        0,
+        2,
+        1,
+        1,
+        1,
+        2,
+    ]
+    assert list(held.turned) == [2, 3, 4, 5, 9, 10, 11]
 
 
 def test_a_mask_names_nodes():
