@@ -17,7 +17,7 @@ import scipy.sparse as sp
 import skfem
 from skfem.quadrature import get_quadrature
 
-from solver.mesh import checks
+from solver.mesh import checks, locking
 
 # name: (scikit-fem element, quadrature order). hex20 is the reduced one, with 2 × 2 × 2 points.
 ELEMENTS = {
@@ -159,11 +159,12 @@ class Body:
     """Mesh and element as arrays; make one with :meth:`build`.
 
     ``nodes`` (n, 3); ``cells`` (m, k); ``shapes`` (q, k); ``gradients`` (m, q, k, 3) = ∂N/∂X;
-    ``weights`` (m, q) = w·det(∂X/∂ξ).
+    ``weights`` (m, q) = w·det(∂X/∂ξ); ``bent``: axis of the cells with two points, if any.
     """
 
     mesh: skfem.Mesh
     element: str
+    bent: int | None
     basis: skfem.Basis = field(repr=False)
     nodes: np.ndarray = field(repr=False)
     cells: np.ndarray = field(repr=False)
@@ -175,13 +176,15 @@ class Body:
     def build(
         cls,
         mesh: skfem.Mesh,
-        element: str = "hex27",
+        element: str | None = None,
         *,
         bent: int | None = None,
         parts: bool = False,
     ) -> Body:
         """Body of a mesh; its sub-domains and boundaries keep their names.
 
+        ``element``: by default hex27, or hex20 where hex27 would lock by more than 1 %: in thin
+        curved bodies without a ``bent`` axis (see :mod:`solver.mesh.locking`).
         ``bent``: the axis of the cells (0, 1, 2; of a box: x, y, z) along which they are long and
         will curve. There hex27 takes two points instead of three: curved elements a hundred times
         longer than thick then do not lock, and no spurious mode appears. Two such axes would bring
@@ -195,6 +198,11 @@ class Body:
         that are inverted, flat, or folded over a neighbour; for unconnected parts, touching faces
         that don't share their nodes, hanging nodes, and nodes without a cell or a finite position.
         """
+        if element is None:
+            body = cls.build(mesh, "hex27", bent=bent, parts=parts)
+            if bent is not None or locking.excess(body) < locking.NEGLIGIBLE:
+                return body
+            return cls.build(body.mesh, "hex20", parts=parts)
         if element not in ELEMENTS:
             raise ValueError(f"no element {element!r}; there are: {', '.join(ELEMENTS)}")
         maker, order = ELEMENTS[element]
@@ -223,7 +231,11 @@ class Body:
             shapes[:, a] = np.asarray(basis.basis[a][0])[0]
         weights = np.ascontiguousarray(np.asarray(basis.dx))
         nodes = np.ascontiguousarray(basis.doflocs.T)
-        return cls(mesh, element, basis, nodes, cells, shapes, gradients, weights)
+        return cls(mesh, element, bent, basis, nodes, cells, shapes, gradients, weights)
+
+    def locking(self, u: np.ndarray | None = None) -> tuple[locking.Locking, ...]:
+        """What the shape of the elements costs, displaced by u (n, 3) if given; () if nothing."""
+        return locking.of_shape(self, u)
 
     @cached_property
     def graph(self) -> NodeGraph:

@@ -39,11 +39,16 @@ def load(value: float) -> Load:
 
 @dataclass(frozen=True)
 class Path:
-    """Accepted points, why the path ended, and what was located on the way."""
+    """Accepted points, why the path ended, and what was located on the way.
+
+    ``warnings``: what makes the answer doubtful, :class:`solver.mesh.locking.Locking`: elements too
+    stiff for the material, or for the shape that the body begins or ends with.
+    """
 
     points: tuple[Point, ...]
     outcome: Outcome
     events: tuple[Event, ...]
+    warnings: tuple[UserWarning, ...] = ()
 
     @property
     def last(self) -> Point:
@@ -160,7 +165,16 @@ def trace(
         except StopIteration as stop:
             own = points[1:] if isinstance(start, Point) else points
             found = tuple(ev for p in own for ev in p.events)
-            return Path(tuple(points), stop.value.outcome, found + stop.value.events)
+            events = found + stop.value.events
+            return Path(tuple(points), stop.value.outcome, events, _warnings(scene, points))
+
+
+def _warnings(scene: Scene, points: list[Point]) -> tuple[UserWarning, ...]:
+    """Locking of the shape at rest, or failing that at the end, and by the terms' materials."""
+    body = scene.body
+    ends = [scene.displacement(p.x, p.e) for p in points[-1:]]
+    shape = next((found for u in (None, *ends) if (found := body.locking(u))), ())
+    return (*shape, *(w for term in scene.terms for w in getattr(term, "locking", ())))
 
 
 def _end(scene, before, after, located, until, gap, rtol) -> Point | Outcome | None:

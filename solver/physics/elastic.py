@@ -6,9 +6,12 @@ Elastic with growth (Π = ∫ Jg ψ(Fe) dV₀), gravity (Eq. 4.2) and dead tract
 
 from __future__ import annotations
 
+import warnings
+
 import numpy as np
 
 from solver.mesh.body import Body
+from solver.mesh.locking import of_material
 from solver.physics.growth import Growth
 from solver.physics.kernels import (
     SMALL,
@@ -44,7 +47,11 @@ class Elastic:
         cells: np.ndarray | None = None,
         name: str = "elastic",
     ):
-        """Raises ValueError for a mask of the wrong shape, and what material and growth raise."""
+        """Raises ValueError for a mask of the wrong shape, and what material and growth raise.
+
+        Warns with :class:`solver.mesh.locking.Locking` where the element is too
+        stiff for the body's shape, or for a ν near ½.
+        """
         m, q = body.weights.shape
         if cells is not None:
             cells = np.asarray(cells)
@@ -61,7 +68,13 @@ class Elastic:
         self._ids = np.arange(m) if cells is None else np.flatnonzero(cells)
         self._small = q * body.cells.shape[1] <= SMALL
         self._memo = None
-        self._at(0.0)
+        self.locking = ()
+        table = self._at(0.0)[0]
+        if isinstance(material, Material):
+            lam, mu = table[..., 0], table[..., 1]
+            self.locking = of_material(body, float((lam / (2 * (lam + mu))).max()))
+            for warning in (*body.locking(), *self.locking):
+                warnings.warn(warning, stacklevel=2)
 
     @property
     def ids(self) -> np.ndarray:

@@ -18,6 +18,9 @@ class Nodes:
     nodes: np.ndarray
     length: float
 
+    def locking(self, u=None):
+        return ()
+
 
 class ToyScene(Scene):
     """A scene of nodes that are no solid: that they move rigidly without resistance is meant."""

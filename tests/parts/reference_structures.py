@@ -1,4 +1,4 @@
-"""Scenes of the cases that snap, buckle and branch: arches, roofs, frames, columns, discs."""
+"""Scenes of the cases that snap, buckle and branch: arches, roofs, frames, columns, domes."""
 
 import numpy as np
 from reference_scenes import AXES, held, modulus, near, strip
@@ -10,8 +10,8 @@ from solver.mesh.structured import box, graded, polar
 from solver.physics.elastic import Elastic
 from solver.physics.ground import Ground
 from solver.physics.growth import General
-from solver.physics.loads import Gravity, LineLoad, Traction
-from solver.physics.materials import NeoHookean
+from solver.physics.loads import Gravity, LineLoad, PointLoad, Traction
+from solver.physics.materials import NeoHookean, SmallStrain
 from solver.physics.rows import mean_displacement_row
 from solver.physics.supports import Fixed, Row, rotation_row
 
@@ -79,6 +79,38 @@ def roof(*, h=12.7, n=6, e_to=3.0):
     load = LineLoad(body, Line.of(body, crown), lambda e: (0, -e * e_to * 1000 / 4 / h, 0))
     term = Elastic(body, NeoHookean(3102.75, 0.3))
     return Scene(body, [term, load], fixed=fixed, rows=rows), crown
+
+
+def hemisphere(body):
+    """A quarter of MacNeal and Harder's (1985) pinched hemisphere with a hole of 18°, R = 10,
+    thickness 0.04, E = 6.825e7, ν = 0.3; forces 2 e outwards along x, inwards along y.
+
+    ``body``: of :func:`hemisphere_mesh`. And the nodes at the force along x: they move by 0.0940
+    in linear theory.
+    """
+    fixed = [*held(body, 0, 0.0, 0), *held(body, 1, 0.0, 1)]
+    equator = np.abs(body.nodes[:, 2]) < 1e-9
+    lines = [np.flatnonzero(equator & (np.abs(body.nodes[:, k]) < 1e-9)) for k in (1, 0)]
+    fixed.append(Fixed(lines[0][:1], AXES[2]))
+    loads = [
+        PointLoad(body, line, lambda e, f=sign / len(line) * AXES[k]: e * f)
+        for line, k, sign in zip(lines, (0, 1), (1, -1), strict=True)
+    ]
+    return Scene(body, [Elastic(body, SmallStrain(6.825e7, 0.3)), *loads], fixed=fixed), lines[0]
+
+
+def hemisphere_mesh(n, *, layers=1, tets=False, thickness=0.04):
+    """n × n cells on that quarter."""
+
+    def shape(X):
+        r, around, up = X.T
+        return np.stack(
+            [r * np.cos(up) * np.cos(around), r * np.cos(up) * np.sin(around), r * np.sin(up)], -1
+        )
+
+    r = np.linspace(10 - thickness / 2, 10 + thickness / 2, layers + 1)
+    around, up = np.linspace(0, np.pi / 2, n + 1), np.linspace(0, np.radians(72), n + 1)
+    return box(r, around, up, shape=shape, tets=tets)
 
 
 def column(*, h=0.02, n=10, end_load=0.0, weight=0.0):

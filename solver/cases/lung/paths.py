@@ -52,7 +52,7 @@ class Paths:
     def beyond(self, stage: Scene, path: Path) -> Path:
         """A path of load steps, and on to the limit point ahead; not reached if there is none."""
         ahead = to_limit(stage, path, step=0.3 / self.steps)
-        return Path((*path.points, *ahead.points[1:]), ahead.outcome, ())
+        return Path((*path.points, *ahead.points[1:]), ahead.outcome, (), ahead.warnings)
 
     def at(self, stage: Scene, point) -> Measures:
         """Measures of a point of any path of this lung."""
