@@ -93,8 +93,8 @@ def hemisphere(body):
     lines = [np.flatnonzero(equator & (np.abs(body.nodes[:, k]) < 1e-9)) for k in (1, 0)]
     fixed.append(Fixed(lines[0][:1], AXES[2]))
     loads = [
-        PointLoad(body, line, lambda e, f=sign / len(line) * AXES[k]: e * f)
-        for line, k, sign in zip(lines, (0, 1), (1, -1), strict=True)
+        PointLoad(body, line, lambda e, f=force / line.size: e * f)
+        for line, force in zip(lines, (AXES[0], -AXES[1]), strict=True)
     ]
     return Scene(body, [Elastic(body, SmallStrain(6.825e7, 0.3)), *loads], fixed=fixed), lines[0]
 

@@ -68,6 +68,15 @@ def test_shorter_elements_and_the_bent_axis_are_cures():
     assert Body.build(ring, bent=1).element == "hex27"
 
 
+def test_a_ring_counts_by_its_own_thickness_however_thin_it_is_cut():
+    angles = np.linspace(0, np.pi, 9)
+    losses = [
+        excess(Body.build(box([1, 1.01], angles, [0, width], shape=polar), "hex27"))
+        for width in (0.1, 1e-3)
+    ]
+    assert losses[1] == pytest.approx(losses[0], rel=0.05) and losses[1] > 5
+
+
 def test_thickness_is_that_of_the_body_not_of_a_cell():
     body = Body.build(hemisphere_mesh(4, layers=3, thickness=0.3), "hex27")
     flat = 0.3 * np.cos(np.pi / 8)  # between the cells' flat faces it is a little less
