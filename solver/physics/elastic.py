@@ -12,6 +12,7 @@ import numpy as np
 
 from solver.mesh.body import Body
 from solver.mesh.locking import of_material
+from solver.physics.fields import resolve
 from solver.physics.growth import Growth
 from solver.physics.kernels import (
     SMALL,
@@ -68,11 +69,11 @@ class Elastic:
         self._ids = np.arange(m) if cells is None else np.flatnonzero(cells)
         self._small = q * body.cells.shape[1] <= SMALL
         self._memo = None
+        self._at(0.0)
         self.locking = ()
-        table = self._at(0.0)[0]
         if isinstance(material, Material):
-            lam, mu = table[..., 0], table[..., 1]
-            self.locking = of_material(body, float((lam / (2 * (lam + mu))).max()))
+            nu = resolve("nu", material.nu, 0.0, (m, q), body.points)
+            self.locking = of_material(body, float((nu if len(nu) == 1 else nu[self._ids]).max()))
             for warning in (*body.locking(), *self.locking):
                 warnings.warn(warning, stacklevel=2)
 

@@ -18,6 +18,7 @@ from solver.mesh.structured import box, graded, polar, spherical
 from solver.paths.steppers import LoadSteps
 from solver.physics.elastic import Elastic
 from solver.physics.materials import NeoHookean, StVenantKirchhoff
+from solver.physics.rubber import MooneyRivlin
 
 PINCHED = 0.0940
 AT_ONCE = LoadSteps(rtol=1e-6, step=1.0, first=1.0)
@@ -179,12 +180,16 @@ def test_a_ratio_near_a_half_is_said_where_the_element_cannot_follow(element, nu
     body = Body.build(box([0, 1], [0, 1], [0, 1], tets=element.startswith("tet")), element)
     ratios = np.full(len(body.cells), 0.3)
     ratios[-1] = nu
-    for material in (NeoHookean(2.0, nu), StVenantKirchhoff(1.0, ratios)):
+    for material in (NeoHookean(2.0, nu), StVenantKirchhoff(1.0, ratios), MooneyRivlin(1, 1, nu)):
         with warnings.catch_warnings(record=True) as record:
             warnings.simplefilter("always")
             term = Elastic(body, material)
         assert [w.message for w in record] == list(term.locking)
         assert [w.cause for w in term.locking] == ["incompressible"] * said
+    others = np.zeros(len(ratios), bool)
+    others[0] = True
+    if len(ratios) > 1:  # the term's own cells count
+        assert Elastic(body, NeoHookean(1.0, ratios), cells=others).locking == ()
 
 
 def test_linear_hexahedra_of_a_ratio_near_a_half_are_too_stiff():
