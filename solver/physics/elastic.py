@@ -50,8 +50,8 @@ class Elastic:
     ):
         """Raises ValueError for a mask of the wrong shape, and what material and growth raise.
 
-        Warns with :class:`solver.mesh.locking.Locking` where the element is too
-        stiff for the body's shape, or for a ν near ½.
+        Warns with :class:`solver.mesh.locking.Locking` where the element is too stiff
+        for the body's shape, or for a ν near ½.
         """
         m, q = body.weights.shape
         if cells is not None:
