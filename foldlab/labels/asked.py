@@ -12,6 +12,10 @@ from foldlab.errors import InputError
 EFFECTS = ("gravity,ground", "gravity,ground,contact", "contact", "none")
 
 
+# 999 took two minutes to mesh, whatever the time allowed, and more memory than there was.
+MOST_STRIPS = 50
+
+
 @dataclass(frozen=True)
 class Plan:
     """What an asked accuracy chooses: the finest of the meshes 0, 1, …, rad that the fold turns by
@@ -37,7 +41,7 @@ class Conditions:
     ``upright``: whether the unit is held against toppling. ``strips``: active strips side by side
     along the hinge that cover ``strip_share`` of its width (0: a solid layer). ``barrier``: the
     ground's, "surface" or the dissertation's "exponential" (Eq. 4.5). Raises :class:`InputError`
-    for names that are not there.
+    for names that are not there, and for more than :data:`MOST_STRIPS`.
     """
 
     effects: str = "gravity,ground"
@@ -54,6 +58,10 @@ class Conditions:
             raise InputError(
                 f"effects {self.effects!r}; expected one of {', '.join(map(repr, EFFECTS))}: "
                 "weight and ground come together"
+            )
+        if not 0 <= self.strips <= MOST_STRIPS:
+            raise InputError(
+                f"strips = {self.strips}; expected 0 to {MOST_STRIPS}: each adds 1200 unknowns"
             )
         if self.barrier not in ("surface", "exponential"):
             raise InputError(f"barrier {self.barrier!r}; expected 'surface' or 'exponential'")

@@ -60,6 +60,24 @@ def _from_word(label):
     return WORDS.get(label.strip().lower(), label) if isinstance(label, str) else label
 
 
+def two_classes(y) -> tuple[np.ndarray, np.ndarray]:
+    """``(classes, folds)``: the two classes in order, and whether each label (n,) is the second.
+
+    Strings keep their names, of which the later in the alphabet stands for "folds"; all else is as
+    in :func:`as_labels`. Raises :class:`InputError` for unknown labels and other numbers of
+    classes.
+    """
+    labels = np.asarray(y, dtype=object).ravel()
+    if not any(isinstance(label, str) for label in labels) or pd.isna(labels).any():
+        return np.array([False, True]), as_labels(y)
+    classes, which = np.unique(labels.astype(str), return_inverse=True)
+    if len(classes) != 2:
+        raise InputError(
+            f"the labels hold {len(classes)} classes, {', '.join(classes[:5])}; expected two"
+        )
+    return classes, which == 1
+
+
 class GroupFeatures(TransformerMixin, BaseEstimator):
     """Named groups to features; logs are taken inside.
 

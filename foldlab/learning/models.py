@@ -20,7 +20,7 @@ from sklearn.utils.validation import check_is_fitted
 
 from foldlab.design import DesignSpace
 from foldlab.errors import InputError
-from foldlab.learning.features import GroupFeatures, as_labels, groups_array
+from foldlab.learning.features import GroupFeatures, as_labels, groups_array, two_classes
 
 
 def _class_weight(false_positive_weight: float) -> dict[bool, float] | None:
@@ -140,7 +140,8 @@ class DistilledTree(ClassifierMixin, BaseEstimator):
 
     A ``teacher`` (a name in :data:`MODELS`) learns the labels; the tree then learns the labels and
     the teacher's answers on ``n_designs`` further designs of the space. No further label is used,
-    and the teacher is not kept. The bias against false positives acts in both.
+    and the teacher is not kept. The bias against false positives acts in both. Labels are as
+    :func:`foldlab.learning.features.two_classes` takes them.
     """
 
     def __init__(
@@ -163,7 +164,7 @@ class DistilledTree(ClassifierMixin, BaseEstimator):
     def fit(self, X, y):
         if self.space is None:
             raise InputError("the distilled tree needs a space, to draw designs from it")
-        X, y = groups_array(X, self.space), as_labels(y)
+        X, (self.classes_, y) = groups_array(X, self.space), two_classes(y)
         seed = 0 if self.random_state is None else self.random_state
         bias = {"seed": seed, "false_positive_weight": self.false_positive_weight}
         teacher = make_classifier(self.teacher, self.space, **bias).fit(X, y)
@@ -171,14 +172,13 @@ class DistilledTree(ClassifierMixin, BaseEstimator):
         answers = as_labels(teacher.predict(more))
         self.tree_ = make_classifier("tree", self.space, ccp_alpha=self.ccp_alpha, **bias)
         self.tree_.fit(np.vstack([X, more]), np.concatenate([y, answers]))
-        self.classes_ = self.tree_.classes_
         self.n_features_in_ = len(self.space)
         self.feature_names_in_ = np.array(self.space.names, dtype=object)
         self.agreement_ = float(np.mean(self.tree_.predict(more) == answers))
         return self
 
     def predict_proba(self, X) -> np.ndarray:
-        """Share of each class in the leaf, shape (n, 2)."""
+        """Fraction of each class in the leaf, shape (n, 2)."""
         check_is_fitted(self, "tree_")
         return self.tree_.predict_proba(groups_array(X, self.space))
 

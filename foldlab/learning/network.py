@@ -25,7 +25,13 @@ from sklearn.base import BaseEstimator, ClassifierMixin
 from sklearn.exceptions import ConvergenceWarning
 from sklearn.utils import check_random_state
 from sklearn.utils.multiclass import check_classification_targets, type_of_target
-from sklearn.utils.validation import check_array, check_is_fitted, column_or_1d, validate_data
+from sklearn.utils.validation import (
+    _check_sample_weight,
+    check_array,
+    check_is_fitted,
+    column_or_1d,
+    validate_data,
+)
 from torch import nn
 
 from foldlab.design import DesignSpace
@@ -91,9 +97,10 @@ class NetworkClassifier(ClassifierMixin, BaseEstimator):
         tags.classifier_tags.multi_class = False
         return tags
 
-    def fit(self, X, y):
+    def fit(self, X, y, sample_weight=None):
         """Train from scratch on designs ``X`` (n, d) and binary labels ``y`` (n,).
 
+        ``sample_weight`` (n,), not negative: a design of weight 2 counts as two alike.
         Raises :class:`InputError` for bad settings, designs or labels; warns with
         ``ConvergenceWarning`` where training ended before it converged.
         """
@@ -101,6 +108,7 @@ class NetworkClassifier(ClassifierMixin, BaseEstimator):
         if y is None:
             raise InputError("fit requires y to be passed, but the target y is None")
         groups, y = self._read(X, y, reset=True)
+        groups, y, weight = _weighed(groups, y, sample_weight)
         check_classification_targets(y)
         if (kind := type_of_target(y)) != "binary":
             raise InputError(
@@ -117,15 +125,16 @@ class NetworkClassifier(ClassifierMixin, BaseEstimator):
             torch.manual_seed(seed)
             self.module_ = self.build(groups.shape[1])
             coordinates = self.module_.coordinates(torch.from_numpy(groups))
-            self.module_.centre.copy_(coordinates.mean(0))
-            spread = coordinates.std(0, correction=0)
+            counts = torch.from_numpy(weight / weight.mean())[:, None]
+            self.module_.centre.copy_((counts * coordinates).mean(0))
+            spread = (counts * (coordinates - self.module_.centre) ** 2).mean(0).sqrt()
             self.module_.scale.copy_(torch.where(spread > 0, spread, 1.0))
             self.rng_state_ = torch.get_rng_state()
         self.optimizer_ = None
         self.loss_curve_ = []
-        return self._train(groups, y, self.epochs)
+        return self._train(groups, y, weight, self.epochs)
 
-    def continue_fit(self, X, y, epochs: int | None = None):
+    def continue_fit(self, X, y, epochs: int | None = None, sample_weight=None):
         """Train the fitted network for ``epochs`` more on ``X``, ``y`` (for Algorithm 5).
 
         Weights, optimiser state, random state and input scaling carry on; ``X``, ``y`` replace the
@@ -134,6 +143,7 @@ class NetworkClassifier(ClassifierMixin, BaseEstimator):
         check_is_fitted(self, "module_")
         self._check_settings()
         groups, y = self._read(X, y, reset=False)
+        groups, y, weight = _weighed(groups, y, sample_weight)
         unknown = np.setdiff1d(np.unique(y), self.classes_)
         if len(unknown):
             raise InputError(
@@ -143,7 +153,7 @@ class NetworkClassifier(ClassifierMixin, BaseEstimator):
         epochs = self.epochs if epochs is None else epochs
         if not (isinstance(epochs, Integral) and epochs > 0):
             raise InputError(f"epochs = {epochs!r}; give a whole number above 0")
-        return self._train(groups, y, epochs)
+        return self._train(groups, y, weight, epochs)
 
     def decision_function(self, X) -> np.ndarray:
         """Log-odds of ``classes_[1]``, shape (n,)."""
@@ -201,9 +211,10 @@ class NetworkClassifier(ClassifierMixin, BaseEstimator):
                 what = "a whole" if whole else "a finite"
                 raise InputError(f"{name} = {value!r}; give {what} number above 0")
 
-    def _train(self, groups, y, epochs):
+    def _train(self, groups, y, sample_weight, epochs):
         target = torch.from_numpy((y == self.classes_[1]).astype(np.float64))
         weight = torch.where(target > 0, 1.0, float(self.false_positive_weight))
+        weight = weight * torch.from_numpy(sample_weight)
         with _one_thread():
             torch.set_rng_state(self.rng_state_)
             self.module_.train()
@@ -223,6 +234,15 @@ class NetworkClassifier(ClassifierMixin, BaseEstimator):
         self.n_epochs_ = len(self.loss_curve_)
         self.n_labels_ = len(y)
         return self
+
+
+def _weighed(groups, y, sample_weight) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Designs, labels and weights without those of no weight; checked."""
+    if sample_weight is None:
+        return groups, y, np.ones(len(y))
+    weight = _check_sample_weight(sample_weight, groups, dtype=np.float64, ensure_non_negative=True)
+    kept = weight > 0
+    return groups[kept], y[kept], weight[kept]
 
 
 def _cross_entropy(logits, target, weight):

@@ -49,6 +49,22 @@ def negatives_needed(rate: float, *, confidence: float = CONFIDENCE) -> int:
     return math.ceil(math.log1p(-confidence) / math.log1p(-rate))
 
 
+def check_calibration(y, *, rate: float, confidence: float = CONFIDENCE) -> None:
+    """That labels ``y`` (n,) hold enough designs that do not fold to show a rate ≤ ``rate``.
+
+    Raises :class:`InputError` where not, and says how many are needed.
+    """
+    needed = negatives_needed(rate, confidence=confidence)
+    negatives = int(np.sum(~as_labels(y)))
+    if negatives < needed:
+        total = math.ceil(needed * len(y) / max(negatives, 1))
+        raise InputError(
+            f"{negatives} calibration designs do not fold; a false-positive rate ≤ {rate:g} "
+            f"with {confidence:.0%} confidence needs at least {needed} of them (here about "
+            f"{total} labels in all): add labels, or allow a higher rate"
+        )
+
+
 def choose_threshold(model, X, y, *, rate: float, confidence: float = CONFIDENCE) -> OperatingPoint:
     """The lowest threshold whose false-positive rate is ≤ ``rate`` with the stated confidence.
 
@@ -64,15 +80,8 @@ def choose_threshold(model, X, y, *, rate: float, confidence: float = CONFIDENCE
     _check_rate(rate, confidence)
     y = as_labels(y)
     probability = _probability(model, X, y)
+    check_calibration(y, rate=rate, confidence=confidence)
     negatives = np.sort(probability[~y])[::-1]
-    needed = negatives_needed(rate, confidence=confidence)
-    if len(negatives) < needed:
-        share = max(len(negatives), 1) / len(y)
-        raise InputError(
-            f"{len(negatives)} calibration designs do not fold; a false-positive rate ≤ {rate:g} "
-            f"with {confidence:.0%} confidence needs at least {needed} of them (here about "
-            f"{math.ceil(needed / share)} labels in all): add labels, or allow a higher rate"
-        )
     allowed = _most_false_positives(len(negatives), rate, confidence)
     threshold = float(np.nextafter(negatives[allowed], np.inf))
     if threshold > 1:

@@ -13,6 +13,7 @@ from foldlab.design import DesignSpace, space_of
 from foldlab.errors import InputError
 from foldlab.learning.features import as_labels
 from foldlab.learning.models import make_classifier
+from foldlab.learning.operating_point import at_rate, check_calibration
 from foldlab.learning.scoring import model_size, score
 
 DEFAULT_LABELS = 6000
@@ -47,13 +48,13 @@ def train_on(
 ) -> tuple[Any, dict[str, Any]]:
     """Train the model ``name`` on a table of labels; returns it with what was measured.
 
-    The share ``holdout`` of the labels is kept out of the training to score the model. With
+    The fraction ``holdout`` of the labels is kept out of the training to score the model. With
     ``rate`` half of it chooses the threshold for this false-positive rate and the other half scores
     the result, so that no design is used twice. Raises :class:`InputError` for a bad table, an
-    unknown model or option, or too few labels for the rate.
+    unknown model or option, or, before it trains, too few labels for the holdout or the rate.
     """
     if not 0 < holdout < 1:
-        raise InputError(f"holdout = {holdout:g}; expected a share between 0 and 1")
+        raise InputError(f"holdout = {holdout:g}; expected a fraction between 0 and 1")
     space = space_of(table)
     known, unknown = known_labels(table, space)
     for column in ("normalised_angle", "threshold"):
@@ -65,19 +66,15 @@ def train_on(
             f"{int(known['foldable'].sum())} of {len(known)} designs fold; training needs at least "
             "5 of each kind: label more designs"
         )
-    training, held = train_test_split(
-        known, test_size=holdout, random_state=seed, stratify=known["foldable"]
-    )
+    training, held = _split(known, holdout, seed, f"training and a holdout of {holdout:g}")
+    if rate is not None:
+        calibration, held = _split(held, 0.5, seed, "choosing the threshold and scoring it")
+        check_calibration(calibration["foldable"], rate=rate)
     start = time.perf_counter()
     model = fit(name, space, training, seed=seed, **(options or {}))
     seconds = time.perf_counter() - start
     point = None
     if rate is not None:
-        from foldlab.learning.operating_point import at_rate
-
-        calibration, held = train_test_split(
-            held, test_size=0.5, random_state=seed, stratify=held["foldable"]
-        )
         model, point = at_rate(model, calibration[space.names], calibration["foldable"], rate=rate)
     size, unit = model_size(model)
     return model, {
@@ -93,6 +90,20 @@ def train_on(
         "size_unit": unit,
         **{f"holdout_{k}": v for k, v in score(model, held[space.names], held["foldable"]).items()},
     }
+
+
+def _split(table, fraction: float, seed: int, uses: str) -> tuple[pd.DataFrame, pd.DataFrame]:
+    """The table in two parts, both of which hold both kinds."""
+    folds = table["foldable"]
+    n, parts = round(fraction * len(table)), ()
+    if 2 <= n <= len(table) - 2 and 2 <= folds.sum() <= len(table) - 2:
+        parts = train_test_split(table, test_size=n, random_state=seed, stratify=folds)
+    if not parts or any(part["foldable"].nunique() < 2 for part in parts):
+        raise InputError(
+            f"{int(folds.sum())} of {len(table)} labels fold: too few of a kind for {uses}, each "
+            "of which needs both; label more designs or change the holdout"
+        )
+    return parts
 
 
 def default_classifier(source, *, seed: int, labels: int = DEFAULT_LABELS):

@@ -117,7 +117,8 @@ class SymbolicRegressor(RegressorMixin, BaseEstimator):
                 "set reciprocal=False"
             )
         end = start + limits.seconds
-        wanted = 1 / y if self.reciprocal else y
+        scale = _scale_of(y)
+        wanted = scale / y if self.reciprocal else y / scale
         candidates = ENGINES[self.engine](
             X, wanted, self.inputs_, limits, self.log_target, start + _SEARCH_SHARE * limits.seconds
         )
@@ -126,14 +127,15 @@ class SymbolicRegressor(RegressorMixin, BaseEstimator):
         for tree in candidates:
             if rows and time.monotonic() > end:
                 break
-            rows += self._finished(tree, X, y, guards, limits)
+            rows += self._finished(tree, X, y, guards, limits, scale)
         if not rows:
             raise InputError(
                 f"no finite formula within the constraints after {limits.seconds:g} s and "
                 f"{len(candidates)} candidates: allow more seconds, size or depth"
             )
         self.front_ = _front(rows)
-        near = self.front_["error"] <= 1.01 * self.front_["error"].min() + 1e-12
+        rounding = 1e-12 * (1 if self.log_target else scale)
+        near = self.front_["error"] <= 1.01 * self.front_["error"].min() + rounding
         self.formula_ = self.front_["formula"][near.idxmax()]
         self.seconds_ = time.monotonic() - start
         return self
@@ -184,8 +186,8 @@ class SymbolicRegressor(RegressorMixin, BaseEstimator):
             return tuple(names)
         return tuple(f"x{k}" for k in range(self.n_features_in_))
 
-    def _finished(self, tree: Tree, X, y, guards, limits: Constraints) -> list[tuple]:
-        """Rows of the front from one candidate: for y, simplified, refitted, checked."""
+    def _finished(self, tree: Tree, X, y, guards, limits: Constraints, scale: float) -> list[tuple]:
+        """Rows of the front from one candidate for y/scale: simplified, refitted, checked."""
         if not np.isfinite(fm.constants(tree)).all():
             return []
         if self.reciprocal:
@@ -199,9 +201,13 @@ class SymbolicRegressor(RegressorMixin, BaseEstimator):
         for form in (fm.simplified(tree), tree):
             if not limits.allow(form):
                 continue
-            fitted, error = refit(form, X, y, self.inputs_, self.log_target)
+            fitted, error = refit(form, X, y / scale, self.inputs_, self.log_target)
+            if scale != 1:
+                fitted, error = ("*", scale, fitted), error if self.log_target else scale * error
             shorter = fm.simplified(fitted)  # a weight may have become 0 or 1
-            best = shorter if limits.allow(shorter) else fitted
+            best = next(filter(limits.allow, (shorter, fitted)), None)
+            if best is None:
+                continue
             f = Formula(best, self.inputs_)
             values = np.concatenate([f(X), f(guards)])
             fine = np.isfinite(values).all() and (not self.log_target or (values > 0).all())
@@ -341,6 +347,16 @@ def refit(tree: Tree, X, y, inputs, log_target: bool) -> tuple[Tree, float]:
             found = start
     error = float(np.sqrt(np.mean(residual(found) ** 2)))
     return fm.with_constants(tree, found), error
+
+
+def _scale_of(y) -> float:
+    """What the target is divided by for the search: a power of ten, 1 where it is of order 1.
+
+    The engine draws constants of order 1, and a fit that starts e^20 away does not move.
+    """
+    sizes = np.abs(y[y != 0])
+    exponent = round(float(np.mean(np.log10(sizes)))) if len(sizes) else 0
+    return 10.0**exponent if abs(exponent) > 3 else 1.0  # it may cost a node or two
 
 
 def _guard_points(low, high, seed: int) -> np.ndarray:

@@ -110,6 +110,7 @@ def check_series(path, curves):
         (f"{sets(**HEAVY)} --question exists", "set growth=isotropic"),
         (f"{sets(**HEAVY)} --barrier soft", "barrier 'soft'; expected"),
         (f"{sets(**HEAVY)} --accuracy 0", "accuracy = 0.0; expected"),
+        (f"{sets(**HEAVY)} --strips 999 --timeout 1", "strips = 999; expected 0 to 50"),
         (f"{sets(**HEAVY)} --animate --no-pictures", "--animate draws a picture"),
         (f"{sets(**HEAVY)} --ablate", "--ablate belongs to --why"),
         (f"{sets(**HEAVY)} -o taken/deeper", "can't make the folder taken/deeper: taken is a file"),
@@ -138,6 +139,17 @@ def test_out_of_time_keeps_what_there_is(simulate, tmp_path):
         assert found["effects"] == ["elastic", "gravity", "ground"]
     left = sorted(path.name for path in (tmp_path / "old").rglob("*") if path.is_file())
     assert left == ["mine.txt", "result.json"]
+
+
+def test_an_accuracy_that_was_not_reached_is_told(simulate, tmp_path):
+    small = sets(**{**GROUPS, "contraction": 0.05})
+    line = f"{small} --effects none --accuracy 1e-6 --no-pictures --json"
+    status, out, err = simulate(line)
+    assert status == 3 and json.loads(out)["foldable"] is True
+    error = json.loads(out)["error_estimate"]
+    assert f"not reached: the error of the angle is {100 * error:.2g} %, 0.0001 % was asked" in err
+    assert (tmp_path / "out" / "simulate" / "result.json").exists()
+    assert simulate(line.replace("1e-6", "0.05"))[0] == 0
 
 
 def test_weight_is_in_the_summary_and_in_the_film(simulate, tmp_path):

@@ -198,6 +198,22 @@ def test_labels_are_yes_or_no():
         as_labels([0, 1, 2])
 
 
+def test_the_distilled_tree_keeps_the_names_of_two_classes():
+    X, y = labelled(300, 0)
+    told = {"classes": ("flat", "folds"), "words": ("no", "yes")}
+    options = {"teacher": "tree", "n_designs": 1000}
+    plain = make_classifier("distilled", REDUCED, **options).fit(X, y)
+    for names in told.values():
+        named = make_classifier("distilled", REDUCED, **options).fit(X, np.where(y, *names[::-1]))
+        assert list(named.classes_) == list(names)
+        assert np.array_equal(named.predict_proba(X), plain.predict_proba(X))
+        assert np.array_equal(named.predict(X) == names[1], plain.predict(X))
+    with pytest.raises(InputError, match="hold 3 classes, a, b, c"):
+        make_classifier("distilled", REDUCED).fit(X[:3], ["a", "b", "c"])
+    with pytest.raises(InputError, match="1 of 3 labels are unknown"):
+        make_classifier("distilled", REDUCED).fit(X[:3], ["a", "b", None])
+
+
 def test_unknown_models_and_options_are_refused_by_name():
     assert set(MODELS) >= set(SMALL)
     with pytest.raises(InputError, match=r"no model 'oracle'; there are: .*tree.*dissertation"):

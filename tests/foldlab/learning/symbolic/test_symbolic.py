@@ -8,6 +8,7 @@ import pandas as pd
 import pytest
 import sympy
 from scipy.stats import logistic
+from sklearn.base import clone
 from sklearn.utils.estimator_checks import check_estimator
 
 from foldlab.design import REDUCED
@@ -247,6 +248,24 @@ def test_same_seed_same_front():
 
 
 # estimators
+
+
+@pytest.mark.parametrize("factor", [1e15, 1e-15])
+@pytest.mark.parametrize("log_target", [True, False])
+def test_targets_of_any_size_are_learnt(factor, log_target):
+    rng = np.random.default_rng(0)
+    X = pd.DataFrame(rng.uniform(1, 5, (200, 2)), columns=["a", "b"])
+    y = factor * (3.0 * X.a / (X.b * X.b) + 0.5)
+    limits = Constraints(seconds=60, generations=12, seed=0, population=100)
+    model = SymbolicRegressor(constraints=limits, log_target=log_target, reciprocal=log_target)
+    ordinary = clone(model).fit(X, y / factor)
+    model.fit(X, y)
+    least = model.front_["error"].min() / (1 if log_target else factor)
+    assert least < 1.5 * ordinary.front_["error"].min() + 1e-9
+    assert model.formula_.size >= ordinary.formula_.size
+    residual = model.predict(X) / y - 1
+    assert np.sqrt(np.mean(residual**2)) < 0.1
+    assert model.front_["size"].max() <= limits.max_size
 
 
 def test_refit_recovers_the_constants():
