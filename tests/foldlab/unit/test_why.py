@@ -10,7 +10,7 @@ from scipy.spatial import cKDTree
 from foldlab.datasets import load_dataset
 from foldlab.design import FULL
 from foldlab.labels import forecast
-from foldlab.labels.asked import Conditions, Effort
+from foldlab.labels.asked import EFFECTS, Conditions, Effort
 from foldlab.labels.label import Label
 from foldlab.labels.solver import SolverSource, make_source
 from foldlab.labels.timoshenko import weight_turning
@@ -96,6 +96,24 @@ def test_a_mesh_is_foreseen_where_the_one_before_would_not_do(
     least, per_1000 = forecast.MEMORY
     seen = forecast.forecast(DESIGN, SolverSource(effort=Effort(accuracy)))
     assert seen.memory_mb == pytest.approx(least + per_1000 * times * second / 1000)
+
+
+def test_the_forecast_knows_what_acts_and_what_is_free(monkeypatch):
+    monkeypatch.setattr(forecast, "pace", lambda: 1.0)
+
+    def seen(**conditions):
+        return forecast.forecast(DESIGN, SolverSource(Conditions(**conditions)))
+
+    base, light = seen(), seen(effects="none")
+    both, panels = seen(effects="gravity,ground,contact"), seen(effects="contact")
+    free = seen(upright=False)
+    assert light.seconds < panels.seconds < base.seconds < both.seconds < free.seconds
+    for given in (base, light, both, panels, free):
+        assert given.low < given.seconds < given.high
+    # A unit that may topple often takes no longer, and sometimes ten times as long.
+    assert free.low == base.low and free.high > 5 * base.high
+    assert seen(effects="none", upright=False) == light  # nothing topples it
+    assert {*forecast.ACTING} == {*EFFECTS}
 
 
 def test_no_forecast_where_no_like_labels_are():
