@@ -50,9 +50,10 @@ def _value(text: str) -> Any:
 def build(cls: type, settings: dict[str, Any], **fixed: Any):
     """An instance of the dataclass ``cls`` from settings, types checked and converted.
 
-    Raises :class:`InputError` that names an unknown field and those there are, or a wrong value.
+    Those that are ``fixed`` are not the user's to set. Raises :class:`InputError` that names an
+    unknown field and those there are, or a wrong value.
     """
-    fields = {field.name for field in dataclasses.fields(cls)}
+    fields = {field.name for field in dataclasses.fields(cls)} - fixed.keys()
     for name in settings:
         if name not in fields:
             raise InputError(f"no setting {name!r}; there are: {', '.join(sorted(fields))}")

@@ -27,7 +27,7 @@ def read_table(path: str | Path) -> pd.DataFrame:
 
     A CSV may have commas, semicolons or tabs between its cells, blanks after them, decimal commas
     (not between commas) and a byte-order mark; a column may stand in it only once, and no row may
-    have more cells than the header.
+    have more or fewer cells than the header.
     """
     path = Path(path)
     _check_suffix(path)
@@ -57,13 +57,19 @@ def _read_csv(path: Path) -> pd.DataFrame:
         header = next(rows, [])
         if not header:
             raise ValueError("it is empty")
-        # pandas would shift such a row, or drop its last cells, without a word.
-        long = next((k for k, row in enumerate(rows) if any(row[len(header) :])), None)
-    if long is not None:
-        raise InputError(
-            f"{path} has more cells in row {long} than the {len(header)} of its header; mend the "
-            "row (decimal commas need semicolons or tabs between cells)"
-        )
+        named = max(k for k, name in enumerate(header) if name) + 1
+        for k, row in enumerate(rows):
+            # pandas would shift such a row, or drop its last cells, without a word.
+            if any(row[len(header) :]):
+                raise InputError(
+                    f"{path} has more cells in row {k} than the {len(header)} of its header; mend "
+                    "the row (decimal commas need semicolons or tabs between cells)"
+                )
+            if len(row) < named:
+                raise InputError(
+                    f"{path} has {len(row)} cells in row {k} and {named} names in its header; "
+                    "write the table again, or commas for cells that are empty"
+                )
     if twice := [name for name in header if name and header.count(name) > 1]:
         raise InputError(f"{path} has the column {twice[0]} twice; keep the one that counts")
     frame = pd.read_csv(

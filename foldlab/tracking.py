@@ -26,6 +26,7 @@ import pandas as pd
 from filelock import FileLock
 
 import foldlab
+from foldlab.errors import InputError
 
 ROOT = Path("mlruns")
 ARTIFACTS = ROOT / "artifacts"
@@ -139,13 +140,20 @@ def track(experiment: str, config: Mapping[str, Any], *, seed: int | None = None
         if not inside:
             mlflow.set_tracking_uri(uri)
         if uri == _local_uri():
+            _check(ROOT / "mlflow.db")
             ROOT.mkdir(exist_ok=True)
             # Two that start at once would both make the database, and one would fail.
             with FileLock(ROOT / "mlflow.db.lock"):
                 number = _experiment(experiment, str((ARTIFACTS / experiment).resolve()))
                 _make_relative(ROOT / "mlflow.db")
         else:
-            number = _experiment(experiment)
+            try:
+                number = _experiment(experiment)
+            except Exception as error:  # whatever a server, or a database, makes MLflow raise
+                why = str(error).partition("\n")[0]
+                raise InputError(
+                    f"MLflow can't use {uri} ({why}); mend MLFLOW_TRACKING_URI, or unset it"
+                ) from error
         with mlflow.start_run(experiment_id=number, nested=inside) as run:
             mlflow.log_params({key: str(value)[:500] for key, value in config.items()})
             mlflow.set_tags({"seed": str(seed), "commit": commit(), "foldlab": foldlab.__version__})
@@ -174,6 +182,27 @@ def _experiment(name: str, artifacts: str | None = None) -> str:
         for run in old:
             client.delete_run(run.info.run_id)
     return number
+
+
+def _check(database: Path) -> None:
+    """Raises :class:`InputError` where it is another file, or damaged: MLflow would only see later.
+
+    A database that is not there, or still empty, is to be made.
+    """
+    if not database.exists() or (database.is_file() and database.stat().st_size == 0):
+        return
+    try:
+        with closing(sqlite3.connect(f"{database.resolve().as_uri()}?mode=ro", uri=True)) as known:
+            ((verdict,),) = known.execute("PRAGMA quick_check(1)").fetchall()
+            if not known.execute("SELECT 1 FROM sqlite_master WHERE name = 'runs'").fetchall():
+                verdict = "it has no runs"
+    except sqlite3.Error as error:
+        verdict = str(error)
+    if verdict != "ok":
+        raise InputError(
+            f"{database} is damaged or no database of MLflow ({' '.join(verdict.split())}); move "
+            "it away to start afresh"
+        )
 
 
 def _make_relative(database: Path) -> None:

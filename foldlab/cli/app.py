@@ -174,7 +174,7 @@ def map_(
         slice_by=slices,
         fixed=numbers(given.read()),
         points=points,
-        source=make_source(against, space=space) if against else None,
+        source=make_source(against, space=space) if against is not None else None,
     )
     save_figure(plot_regimes(regime), out)
     emit({**regime.summary(), "file": out}, as_json)

@@ -44,6 +44,8 @@ class Settings:
         for name in ("n_train", "n_test", "n_fresh", "map_points", "proposals"):
             if getattr(self, name) < 1:
                 raise InputError(f"{name} = {getattr(self, name)}; expected at least 1")
+        if not self.models:
+            raise InputError(f"models = []; expected some of {', '.join(MODELS)}")
 
 
 def run(settings: Settings, out: Path, say: Callable[[str], None]) -> dict[str, Any]:

@@ -99,6 +99,8 @@ class Effort:
             value = getattr(self, name)
             if not (np.isfinite(value) and value > 0):
                 raise InputError(f"{name} = {value!r}; expected a finite number above 0")
+        if self.accuracy >= 1:
+            raise InputError(f"accuracy = {self.accuracy!r}; expected a relative error below 1")
         if self.refine not in ("always", "near", "never"):
             raise InputError(f"refine {self.refine!r}; expected 'always', 'near' or 'never'")
 

@@ -206,7 +206,10 @@ class SolverSource:
         physics = Physics(c.terms, growth, barrier=c.barrier)
         supports = Supports(("x", "y") if self.seed is None else (), c.upright)
         watch = Watch(deadline, clock)
-        model = build(unit, meshing, physics, supports, watch=watch)
+        try:
+            model = build(unit, meshing, physics, supports, watch=watch)
+        except ValueError as error:
+            raise InputError(f"the design has no mesh: {error}") from error
         noise = None if self.seed is None else (1e-3, self.seed)
         steps = {"rtol": self.effort.plan.tolerance, "turn": self.effort.plan.turn}
         folding = unit_path.fold(model, stop=closed, noise=noise, on_state=seen, **steps)

@@ -66,7 +66,9 @@ def open_checked(path: Path, *, read_only: bool) -> sqlite3.Connection:
             db.execute("PRAGMA query_only = 1")
         ((verdict,),) = db.execute("PRAGMA integrity_check(1)").fetchall()
         if verdict != "ok":
-            raise damaged(path, verdict)
+            raise damaged(path, " ".join(verdict.split()))
+        if db.execute("PRAGMA foreign_key_check").fetchone():
+            raise damaged(path, "the design of a label is missing")
         # SQLite does not notice a changed byte inside a text.
         for *row, stored in db.execute(SELECT):
             if checksum(*row) != stored:
@@ -183,10 +185,11 @@ class LabelStore:
 
     def close(self) -> None:
         """Close the file and free the lock; what was added is already on disk."""
+        refused = self._db is None
         if self._db is not None:
             self._db.close()
         if self._lock is not None:
-            if not self.path.exists():
+            if refused:
                 Path(self._lock.lock_file).unlink(missing_ok=True)
             self._lock.release()
         self._db = self._lock = None

@@ -132,6 +132,8 @@ def load_model(directory: str | Path) -> tuple[Any, dict]:
             )
     try:
         model = KINDS[card["kind"]].load(directory, card["state"])
+        if card["threshold"] is not None:
+            model = with_threshold(model, card["threshold"])
     except InputError:
         raise
     except Exception as error:  # whatever a damaged file makes the reader raise
@@ -139,8 +141,6 @@ def load_model(directory: str | Path) -> tuple[Any, dict]:
             f"cannot read the model in {directory} ({type(error).__name__}: {error}); "
             "save it again with this version of foldlab"
         ) from error
-    if card["threshold"] is not None:
-        model = with_threshold(model, card["threshold"])
     return model, card
 
 
@@ -157,10 +157,11 @@ def read_card(directory: str | Path) -> dict:
         raise InputError(f"cannot read {path} ({error}); save the model again") from None
     if not isinstance(card, dict) or not (
         {"format", "kind", "threshold"} <= set(card)
+        and isinstance(card.get("space"), str | None)
         and all(isinstance(card.get(name), dict) for name in ("state", "files", "metadata"))
     ):
         raise InputError(f"{path} does not describe a model; save the model again")
-    if card["format"] != FORMAT or card["kind"] not in KINDS:
+    if card["format"] != FORMAT or card["kind"] not in list(KINDS):
         raise InputError(
             f"{path} has format {card['format']!r}, kind {card['kind']!r}; this version reads "
             f"format {FORMAT} with kinds {', '.join(KINDS)}"

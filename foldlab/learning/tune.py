@@ -60,8 +60,8 @@ class Search:
         if not 0 < self.validation < 1:
             raise InputError(f"validation = {self.validation:g}; expected a share between 0 and 1")
         for name, (low, high) in self._intervals().items():
-            if not 0 < low <= high:
-                raise InputError(f"{name} = {low:g} … {high:g}; expected 0 < low ≤ high")
+            if not 0 < low <= high < np.inf:
+                raise InputError(f"{name} = {low:g} … {high:g}; expected 0 < low ≤ high < ∞")
 
     def _intervals(self) -> dict[str, tuple[float, float]]:
         return {k: v for k, v in asdict(self).items() if isinstance(v, tuple)}

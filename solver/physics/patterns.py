@@ -128,6 +128,12 @@ def _read_vtu(path, field, reach):
     from vtkmodules.vtkCommonCore import vtkLogger, vtkOutputWindow, vtkStringOutputWindow
     from vtkmodules.vtkIOXML import vtkXMLUnstructuredGridReader
 
+    # VTK would end the process.
+    head = path.read_bytes().partition(b"<AppendedData")[0]
+    if wrong := re.search(rb'NumberOf\w+="\s*(-[^"]*)"', head):
+        raise ValueError(
+            f"{path.name} is damaged, or no VTU (a number of {wrong[1].decode()}); write it again"
+        )
     reader = vtkXMLUnstructuredGridReader()
     reader.SetFileName(str(path))
     # VTK raises nothing: what it says instead tells a damaged file from one without the field.
@@ -143,8 +149,12 @@ def _read_vtu(path, field, reach):
     grid = reader.GetOutput()
     # The first complaint is the cause, those after it follow from it.
     complaint = re.search(r"\): (.+)", said.GetOutput())
-    if complaint or not grid.GetNumberOfPoints():
-        why = complaint[1] if complaint else "it has no points"
+    n = grid.GetNumberOfPoints()
+    nodes = vtk_to_numpy(grid.GetCells().GetConnectivityArray()) if n else ()
+    why = complaint[1] if complaint else "it has no points" if not n else ""
+    if len(nodes) and not 0 <= nodes.min() <= nodes.max() < n:
+        why = f"it has {n} points, and a cell with others"
+    if why:
         raise ValueError(f"{path.name} is damaged, or no VTU ({why}); write it again")
     data = grid.GetPointData()
     # Arrays of words are None here.

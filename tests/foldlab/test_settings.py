@@ -57,6 +57,8 @@ def test_build_checks_names_types_and_the_class_itself():
     assert build(Sizes, {"width": 4}, rate=1.0) == Sizes(4, 1.0)
     with pytest.raises(InputError, match="no setting 'wdith'; there are: name, rate, width"):
         build(Sizes, {"wdith": 4})
+    with pytest.raises(InputError, match="no setting 'rate'; there are: name, width"):
+        build(Sizes, {"rate": 2.0}, rate=1.0)  # it was passed over without a word
     with pytest.raises(InputError, match="width = 'x'"):
         build(Sizes, {"width": "x"})
     with pytest.raises(InputError, match=r"width = 0; expected at least 1"):

@@ -179,6 +179,7 @@ UNREADABLE = {
     "a later row too long": (add(4, ",3"), "more cells in row 3 than"),
     "all rows too long": (add(None, ",3"), "more cells in row 0 than"),
     "a later row far too long": (add(4, ",3,,4"), "more cells in row 3 than"),
+    "a row too short": ("\n".join(PLAIN.splitlines())[:-12], "2 cells in row 4 and 3 names"),
     "decimal commas between commas": (PLAIN.replace(".", ","), "decimal commas need semicolons"),
     "repeated": (PLAIN.replace("h_ratio", "E_ratio"), "has the column E_ratio twice"),
     "repeated after blanks": (PLAIN.replace("h_ratio", " E_ratio "), "the column E_ratio twice"),

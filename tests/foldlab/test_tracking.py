@@ -2,7 +2,9 @@
 
 import os
 import shutil
+import sqlite3
 import warnings
+from contextlib import closing
 from pathlib import Path
 
 import mlflow
@@ -11,6 +13,7 @@ import pandas as pd
 import pytest
 
 from foldlab.design import REDUCED
+from foldlab.errors import InputError
 from foldlab.learning.models import make_classifier
 from foldlab.learning.tune import can_not_reach_the_front
 from foldlab.tracking import track, tracking_uri
@@ -40,6 +43,34 @@ def local(empty, tmp_path, monkeypatch):
     shutil.copy(empty, folder / "mlruns" / "mlflow.db")
     monkeypatch.chdir(folder)
     return f"sqlite:///{folder / 'mlruns' / 'mlflow.db'}"
+
+
+@pytest.mark.parametrize("damage", ["cut", "other", "folder"])
+def test_another_or_a_damaged_database_is_refused_and_left_alone(damage, local):
+    """MLflow ended in its own traceback, or made its tables in somebody's database."""
+    path = Path("mlruns/mlflow.db")
+    if damage == "cut":
+        path.write_bytes(path.read_bytes()[:-8000])
+    else:
+        path.unlink()
+        if damage == "folder":
+            path.mkdir()
+        else:
+            with closing(sqlite3.connect(path)) as other, other:
+                other.execute("CREATE TABLE mine (a)")
+    before = None if damage == "folder" else path.read_bytes()
+    cause = r"damaged or no database of MLflow \(.+\); move it away"
+    with pytest.raises(InputError, match=cause), track("x", {}):
+        pass
+    assert damage == "folder" or path.read_bytes() == before
+    assert [p.name for p in path.parent.iterdir()] == [path.name]
+
+
+def test_an_address_that_is_none_is_refused(monkeypatch):
+    monkeypatch.setenv("MLFLOW_TRACKING_URI", "nosuch://place")
+    cause = r"can't use nosuch://place .*; mend MLFLOW_TRACKING_URI"
+    with pytest.raises(InputError, match=cause), track("x", {}):
+        pass
 
 
 def test_a_given_address_is_respected(tmp_path, monkeypatch):

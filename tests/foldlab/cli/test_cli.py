@@ -184,6 +184,10 @@ BAD = {
     "target of 0": ("augment -o a --target 0", "target = 0; an accuracy"),
     "bad plan": ("augment -o a --set cycles=0", "cycles = 0"),
     "bad search": ("tune l.parquet -o t --set width=[9,4]", "width = 9"),
+    "endless search": ("tune l.parquet -o t --set penalty=[1,inf]", "penalty = 1 … inf"),
+    "no models": ("quickstart --set models=[]", "models = []; expected some of tree,"),
+    "a seed that is another option's": ("quickstart --set seed=3", "no setting 'seed'"),
+    "no source": ("map m -o a.png --against=", "no label source ''"),
     "bad quickstart": ("quickstart --set n_train=0", "n_train = 0"),
 }
 

@@ -233,6 +233,28 @@ def test_no_single_changed_byte_changes_a_table(filled):
     assert detected > 30
 
 
+def test_a_label_without_its_design_is_damage(filled):
+    with sqlite3.connect(filled) as db:
+        db.execute("DELETE FROM design WHERE id = 1")
+    db.close()
+    with pytest.raises(InputError, match="the design of a label is missing"):
+        LabelStore(filled, mode="read")
+
+
+def test_a_store_that_is_refused_leaves_no_lock(path):
+    path.write_text("a table, perhaps")
+    with pytest.raises(InputError, match="damaged or no label store"):
+        LabelStore(path)
+    assert [p.name for p in path.parent.iterdir()] == [path.name]
+    path.unlink()
+    with LabelStore(path) as store:
+        store.add(a_label())
+        # Another's lock is left to it.
+        with pytest.raises(InputError, match="another process is writing"):
+            LabelStore(path)
+        assert path.with_name(f"{path.name}.lock").exists()
+
+
 def test_other_databases_are_left_alone(path, filled):
     other = path.with_name("other.db")
     with sqlite3.connect(other) as db:

@@ -202,6 +202,7 @@ def test_meshes_beyond_the_cap_on_unknowns_are_not_refined(accuracy, finest, mon
         ({"effects": "gravity"}, "together"),
         ({"accuracy": 0.0}, "accuracy"),
         ({"accuracy": np.nan}, "accuracy"),
+        ({"accuracy": 2.0}, "relative error below 1"),
         ({"timeout": -1.0}, "timeout"),
         ({"space": REDUCED}, "full"),
     ],
@@ -212,6 +213,13 @@ def test_settings_that_make_no_sense_are_refused(settings, says):
 
 
 def test_a_design_that_is_no_unit_is_refused():
-    for change in ({"slenderness": -1.0}, {"hinge_length": 2.0}, {"contraction": np.inf}):
+    for change in (
+        {"slenderness": -1.0},
+        {"hinge_length": 2.0},
+        {"contraction": np.inf},
+        {"aspect": 1e99},
+    ):
         with pytest.raises(InputError):
             SolverSource().label(LIGHT | change)
+    with pytest.raises(InputError, match=r"the design has no mesh: .*inverted or flat"):
+        SolverSource().label(LIGHT | {"aspect": 1e29})

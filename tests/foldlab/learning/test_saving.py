@@ -236,6 +236,17 @@ def test_a_wrong_card_is_refused(saved):
     edit(saved, files=files, kind="network")
     with pytest.raises(InputError, match="cannot read the model"):
         load_model(saved)
+    for wrong, cause in (
+        ({"threshold": "nan"}, "cannot read the model"),
+        ({"threshold": {"a": 1}}, "cannot read the model"),
+        ({"threshold": 1.5}, "expected a probability"),
+        ({"kind": []}, r"kind \[\]"),
+        ({"space": []}, "does not describe a model"),
+    ):
+        right = card | {"files": files, "kind": kind, "space": "reduced", "threshold": None}
+        (saved / "model.json").write_text(json.dumps(right | wrong))
+        with pytest.raises(InputError, match=cause):
+            load_model(saved)
 
 
 class Bomb:

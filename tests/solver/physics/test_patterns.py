@@ -133,6 +133,21 @@ def test_damage_inside_a_vtu_is_named_as_such(cube, tmp_path):
         read_pattern(path)
 
 
+@pytest.mark.parametrize(
+    ("stated", "cause"),
+    [(-4, "a number of -4"), (215, "it has 215 points, and a cell with others")],
+)
+def test_a_vtu_with_a_wrong_number_of_points_is_damaged(cube, stated, cause, tmp_path):
+    """Below 0 VTK ended the process; where there are fewer than written the rest was dropped."""
+    path = tmp_path / "b.vtu"
+    cube.save(path)
+    whole = path.read_bytes()
+    assert whole.count(b'NumberOfPoints="216"') == 1
+    path.write_bytes(whole.replace(b'NumberOfPoints="216"', b'NumberOfPoints="%d"' % stated))
+    with pytest.raises(ValueError, match=rf"b\.vtu is damaged, or no VTU \({cause}"):
+        read_pattern(path)
+
+
 def test_a_vtu_without_points_or_with_a_field_of_words_is_refused(cube, tmp_path):
     path = tmp_path / "b.vtu"
     piece = '<Piece NumberOfPoints="0" NumberOfCells="0"></Piece>'
