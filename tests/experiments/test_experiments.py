@@ -37,6 +37,7 @@ def test_tiny(name, here):
     result = execute(name, module.run, module.TINY)
     json.dumps(result, allow_nan=False)
     assert result["table"]
+    assert not result.get("complaints")
     client = mlflow.MlflowClient(f"sqlite:///{here.resolve() / 'mlruns' / 'mlflow.db'}")
     (run,) = client.search_runs([client.get_experiment_by_name(name).experiment_id])
     assert run.info.status == "FINISHED"
