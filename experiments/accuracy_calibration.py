@@ -8,7 +8,6 @@ are compared at the state before it, as their error is stated.
 from __future__ import annotations
 
 import sys
-import time
 from dataclasses import dataclass
 from typing import Any
 
@@ -28,6 +27,7 @@ from foldlab.labels.solver import SolverSource
 from foldlab.plots import STYLE
 from solver.cases.unit import path as unit_path
 from solver.cases.unit.mesh import LEVELS, Sizes
+from solver.equilibrium.clock import core_seconds
 
 # One finer than the finest of :data:`LEVELS`.
 FINEST = Sizes(0.03125, 2, 0.18, 0.0625, 0.35, 4)
@@ -89,7 +89,7 @@ def one(source: SolverSource, design, config: Config) -> dict[str, Any]:
     level = (0 if closed else e["levels"] - 1) + 2
     mesh = level if level < len(LEVELS) else FINEST
     finer = unit_path.refined(
-        path.folding, mesh, earlier=closed, deadline=time.monotonic() + config.reference_timeout
+        path.folding, mesh, earlier=closed, deadline=core_seconds() + config.reference_timeout
     )
     if finer is None:
         return row

@@ -13,7 +13,6 @@ from __future__ import annotations
 import hashlib
 import json
 import sys
-import time
 from collections import Counter
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -35,6 +34,7 @@ from solver.cases.unit.choices import Meshing, Physics, Watch
 from solver.cases.unit.model import build
 from solver.cases.unit.path import Ending, fold
 from solver.cases.unit.unit import EFFECTS, Unit
+from solver.equilibrium.clock import core_seconds
 from solver.equilibrium.descent import critical_mode
 from solver.equilibrium.linear import SingularMatrix
 from solver.equilibrium.scene import Scene
@@ -128,7 +128,7 @@ def _known(path: Path) -> dict[int, dict]:
 def follow(groups: dict[str, float], effects, growth: str, config: Config) -> dict[str, Any]:
     """The path of one design: how it ended, what its audit says, and its conditioning."""
     unit = Unit(**groups)
-    begun = time.monotonic()
+    begun = core_seconds()
 
     def stop(state) -> bool:
         m = foldability.measure(state.curves, unit.hinge_length)
@@ -141,7 +141,7 @@ def follow(groups: dict[str, float], effects, growth: str, config: Config) -> di
         watch=Watch(deadline=begun + config.timeout),
     )
     folding = fold(model, stop=stop)
-    seconds = time.monotonic() - begun
+    seconds = core_seconds() - begun
     row: dict[str, Any] = {
         "effects": "+".join(effects) or "none",
         "growth": growth,

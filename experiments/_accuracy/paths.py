@@ -20,6 +20,7 @@ from solver.cases.unit import path as unit_path
 from solver.cases.unit import problem_p
 from solver.cases.unit.choices import Meshing, Supports, Watch
 from solver.cases.unit.unit import Unit
+from solver.equilibrium.clock import core_seconds
 from solver.paths.continuation import trace
 from solver.paths.stable import StableSteps
 from solver.paths.steppers import ArcLength, LoadSteps
@@ -65,7 +66,7 @@ class Solved:
 def solved(
     scene: str, element: str, level: int, *, whole: bool = False, limit: float = 60.0
 ) -> Solved:
-    """The path of a scene, Problem P or one of :data:`UNITS`; at most ``limit`` seconds of it."""
+    """The path of a scene, Problem P or one of :data:`UNITS`, in at most ``limit`` core-seconds."""
     if scene == P:
         return _problem_p(element, level, whole)
     design = UNITS[scene]
@@ -74,7 +75,7 @@ def solved(
         Unit(**design),
         Meshing(UNIT_LEVELS[level], element),
         supports=Supports(() if whole else ("x", "y")),
-        watch=Watch(time.monotonic() + limit),
+        watch=Watch(core_seconds() + limit),
     )
     built = time.process_time()
     folding = unit_path.fold(model)

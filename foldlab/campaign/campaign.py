@@ -36,7 +36,8 @@ from foldlab.labels.store import LabelStore
 CHUNK = 5000  # designs per commit of a source that is a formula
 FOREIGN_IN_FLIGHT = 128  # submissions that wait at an executor whose size we do not know
 PATIENCE = 10  # seconds without a label before we look whether the executor still lives
-GRACE = 30  # seconds beyond twice a source's own timeout, after which its process is ended
+GRACE = 30  # core-seconds beyond twice a source's own timeout, after which its process is ended
+STARVED = 20  # times as long on the wall, after which a process that hardly computes is ended
 IDLE_BREAKS = 3  # pools that may break one after another with no design in them
 
 
@@ -102,11 +103,11 @@ def run_campaign(
     ended unknown. ``progress`` draws a bar on stderr.
 
     A source that raises or returns no label, or whose worker process dies, makes an unknown label
-    with that reason; so does one that has a ``timeout`` (seconds) and hangs far beyond it, unless
-    it runs in this process. An executor that breaks ends the campaign early; the report says so.
-    Ctrl-C is raised again after what completed is committed. Raises :class:`InputError`, with
-    nothing written, for bad designs, a source that the workers can't take, or workers that can't
-    start.
+    with that reason; so does one that has a ``timeout`` (core-seconds) and hangs far beyond it, or
+    waits for ever, unless it runs in this process. An executor that breaks ends the campaign early;
+    the report says so. Ctrl-C is raised again after what completed is committed. Raises
+    :class:`InputError`, with nothing written, for bad designs, a source that the workers can't
+    take, or workers that can't start.
     """
     started = time.perf_counter()
     if workers < 1 or (in_flight is not None and in_flight < 1):
@@ -199,7 +200,7 @@ def _formula(source, waiting: deque[str], book: _Book) -> None:
 
 
 def _foreign(source, waiting: deque[str], book: _Book, executor: Executor, in_flight) -> str:
-    parcel = worker.Parcel(source, _limit(source))
+    parcel = _parcel(source)
     _probe(executor, 1, parcel)
     book.begin()
     running: dict[Future, str] = {}
@@ -218,7 +219,7 @@ def _foreign(source, waiting: deque[str], book: _Book, executor: Executor, in_fl
 
 
 def _pooled(source, waiting: deque[str], book: _Book, workers: int, in_flight) -> str:
-    parcel = worker.Parcel(source, _limit(source))
+    parcel = _parcel(source)
     parcel.pickled()
     begun, idle = False, 0
     while waiting:
@@ -244,9 +245,12 @@ def _pooled(source, waiting: deque[str], book: _Book, workers: int, in_flight) -
     return ""
 
 
-def _limit(source) -> float | None:
+def _parcel(source) -> worker.Parcel:
     timeout = getattr(source, "timeout", None)
-    return None if timeout in (None, math.inf) else 2 * timeout + GRACE
+    if timeout in (None, math.inf):
+        return worker.Parcel(source)
+    limit = 2 * timeout + GRACE
+    return worker.Parcel(source, limit, STARVED * limit)
 
 
 def _probe(executor: Executor, count: int, parcel: worker.Parcel) -> None:

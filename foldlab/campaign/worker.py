@@ -30,12 +30,13 @@ LONGEST_MESSAGE = 500  # characters of an exception's message that a reason keep
 class Parcel:
     """A source on its way to workers: pickled once, unpickled once in each process that uses it.
 
-    ``limit``: seconds after which a process that still computes one label ends itself, None for no
-    limit; it does not hold in the process where the parcel was made.
+    ``limit``: core-seconds of one label after which the process that computes it ends itself, and
+    ``wall``: seconds on the wall, for a label that waits and computes nothing; no limit where it is
+    None. They do not hold in the process where the parcel was made.
     """
 
-    def __init__(self, source, limit: float | None = None):
-        self._source, self.limit, self._home = source, limit, _here()
+    def __init__(self, source, limit: float | None = None, wall: float | None = None):
+        self._source, self.limit, self.wall, self._home = source, limit, wall, _here()
         self._bytes: bytes | None = None
 
     @property
@@ -96,14 +97,43 @@ def ready(parcel: Parcel) -> bool:
 
 def attempt(parcel: Parcel, design: Mapping[str, float]) -> Label:
     """The source's label, or an unknown one with the reason why there is none."""
+    source = parcel.source
     if parcel.limit is None or not parcel.away:
-        return ask(parcel.source.label, design)
-    # A thread of C, which ends the process even where compiled code never gives Python its turn.
-    faulthandler.dump_traceback_later(parcel.limit, exit=True, file=sys.__stderr__)
+        return ask(source.label, design)
+    with _watched(parcel):
+        return ask(source.label, design)
+
+
+_lock, _labels = threading.Lock(), 0
+
+
+@contextmanager
+def _watched(parcel: Parcel):
+    _watch(parcel, 1)
     try:
-        return ask(parcel.source.label, design)
+        yield
     finally:
-        faulthandler.cancel_dump_traceback_later()
+        _watch(parcel, -1)
+
+
+def _watch(parcel: Parcel, more: int) -> None:
+    """Watch one label more, or less.
+
+    The system counts the process's own time and a thread of C that on the wall: both end it even
+    where compiled code never gives Python its turn. An executor of threads computes several labels
+    in one process, whose time is the sum of theirs.
+    """
+    global _labels
+    with _lock:
+        _labels += more
+        if not _labels:
+            signal.setitimer(signal.ITIMER_PROF, 0.0)
+            faulthandler.cancel_dump_traceback_later()
+            return
+        # Says where it hung, then does what the signal does by default: the process ends.
+        faulthandler.register(signal.SIGPROF, file=sys.__stderr__, chain=True)
+        signal.setitimer(signal.ITIMER_PROF, _labels * parcel.limit)
+        faulthandler.dump_traceback_later(parcel.wall, exit=True, file=sys.__stderr__)
 
 
 def ask(function: Callable, design: Mapping[str, float]) -> Label:
@@ -200,9 +230,18 @@ def alone(parcel: Parcel, design: Mapping[str, float]) -> Label:
             process.kill()
             process.join()
             process.close()
-    if code == 1 and parcel.limit is not None and time.perf_counter() - start > parcel.limit:
-        reason = f"no answer within {parcel.limit:g} s, twice: the computation hangs and was ended"
+    if code == -signal.SIGPROF:
+        reason = (
+            f"no answer within {parcel.limit:g} core-seconds, twice: the computation hangs and was "
+            "ended"
+        )
         return Label(dict(design), None, reason, {"outcome": "hung"})
+    if code == 1 and parcel.wall is not None and time.perf_counter() - start > parcel.wall:
+        reason = (
+            f"no answer within {parcel.wall:g} s on the wall, twice: the computation waits for "
+            "something, or gets no core, and was ended"
+        )
+        return Label(dict(design), None, reason, {"outcome": "blocked"})
     how = signal.Signals(-code).name if code < 0 else f"exit code {code}"
     return _died(design, f"again when run alone ({how})")
 

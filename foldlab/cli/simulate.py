@@ -53,7 +53,9 @@ class Solving:
     accuracy: Annotated[
         float, typer.Option(help="Wanted relative error of the angle, such as 0.05, 0.02, 0.005.")
     ] = 0.02
-    timeout: Annotated[float, typer.Option(help="Seconds after which to give up.")] = 60.0
+    timeout: Annotated[
+        float, typer.Option(help="Core-seconds after which to give up, compiling not counted.")
+    ] = 60.0
     free: Annotated[bool, typer.Option("--free", help="Let the unit topple.")] = False
     strips: Annotated[
         int, typer.Option(min=0, help="Active strips side by side; 0: a solid layer.")

@@ -84,10 +84,11 @@ class Effort:
     ``accuracy``: error that is asked for, of the fold angle and of the turning across the hinge,
     relative to the angle or to what counts as folded (|g|π), whichever is larger; meshes are
     refined until two of them agree so well, at most to the third, below 0.01 to the fourth.
-    ``timeout``: seconds per label, after which it is unknown. ``refine``: "always"; "near" a
-    threshold only and where the coarsest path is in doubt, see :mod:`foldlab.labels.screening`; or
-    "never". What is not refined states an error that was calibrated on other designs. Raises
-    :class:`InputError` for other values.
+    ``timeout``: core-seconds per label, after which it is unknown; what compiling takes, at the
+    first label on a machine, is not counted. ``refine``: "always"; "near" a threshold only and
+    where the coarsest path is in doubt, see :mod:`foldlab.labels.screening`; or "never". What is
+    not refined states an error that was calibrated on other designs. Raises :class:`InputError` for
+    other values.
     """
 
     accuracy: float = 0.02

@@ -44,7 +44,7 @@ class LabelSource(Protocol):
 
     A source that is a formula also has ``label_many(designs: DataFrame) -> list[Label]``.
     Sources are pickled to worker processes. A source that ends its labels by itself after a time
-    says so in ``timeout`` (seconds); a worker process that hangs far beyond it is ended.
+    says so in ``timeout`` (core-seconds); a worker process that hangs far beyond it is ended.
     """
 
     name: str

@@ -74,7 +74,7 @@ class SolverSource:
 
     @property
     def timeout(self) -> float:
-        """Seconds after which a label ends by itself."""
+        """Core-seconds after which a label ends by itself."""
         return self.effort.timeout
 
     @property
@@ -98,22 +98,28 @@ class SolverSource:
     ) -> tuple[Run, Label]:
         """As :meth:`label`, with the path that the label comes from.
 
-        ``clock``, if given, keeps each effect's evaluations and seconds.
+        ``clock``, if given, keeps each effect's evaluations and core-seconds.
         """
-        from solver.equilibrium.clock import OutOfTime
+        from solver.equilibrium.clock import one_core
 
         groups = self.space.validate(pd.DataFrame([dict(design)]), bounds=False)
         groups = groups[self.space.names].iloc[0].to_dict()
-        start, worked = time.monotonic(), time.process_time()
+        with one_core():
+            return self._follow(groups, clock)
+
+    def _follow(self, groups: dict[str, float], clock) -> tuple[Run, Label]:
+        from solver.equilibrium.clock import OutOfTime, core_seconds
+
+        start, worked = time.monotonic(), core_seconds()
         forget_peak()
-        deadline = start + self.timeout
+        deadline = worked + self.timeout
         limits = {"deadline": deadline, "clock": clock}
         run, error, levels = self.run(groups, 0, **limits), None, 1
         coarse = run.settled and self._enough(groups, run)
         if coarse:
             error = screening.COARSE_ERROR
         for level in () if coarse else range(1, self.effort.plan.finest + 1):
-            if not run.settled or time.monotonic() > deadline:
+            if not run.settled or core_seconds() > deadline:
                 break
             size = run.folding.model.scene.size
             if level > 1 and (run.closed or size > LARGEST[self.effort.plan.finest]):
@@ -150,7 +156,7 @@ class SolverSource:
         basis = "calibrated" if coarse else "measured"
         spent = {
             "seconds": time.monotonic() - start,
-            "core_seconds": time.process_time() - worked,
+            "core_seconds": core_seconds() - worked,
             **({} if error is None else {"error_basis": basis}),
         }
         return run, replace(label, evidence={**label.evidence, **spent})

@@ -77,6 +77,7 @@ def summary(label: Label, run: Run, source: SolverSource) -> dict[str, Any]:
         "growth": source.conditions.growth,
         "question": source.question,
         "seconds": e["seconds"],
+        "core_seconds": e["core_seconds"],
         "peak_memory_mb": e["peak_memory_mb"],
         "unknowns": e["unknowns"],
         "steps": e["steps"],
@@ -90,7 +91,7 @@ def explain(label, run, source, clock, ablation: bool) -> dict[str, Any]:
     without them."""
     from foldlab.unit.why import ablate, advise, contributions
 
-    effects = contributions(run, clock, label.evidence["seconds"]) if run.history else []
+    effects = contributions(run, clock, label.evidence["core_seconds"]) if run.history else []
     without = ablate(label, source) if ablation else []
     return {"effects": effects, "without": without, "advice": advise(label, run, source, without)}
 

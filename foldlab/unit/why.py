@@ -30,7 +30,7 @@ def contributions(
 
     ``energy``: |E − E at rest| over the sum of all, E at rest that of the flat unit. ``force``: sum
     of the nodes' |f| over that of all terms; in equilibrium none is more than a half. ``time``: of
-    the ``seconds`` that label took; the rest, mostly linear algebra, is listed as "solving".
+    the core-``seconds`` that the label took; the rest, mostly linear algebra, is "solving".
     """
     folding = run.folding
     model, e = folding.model, folding.last.e

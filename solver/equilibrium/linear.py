@@ -82,13 +82,14 @@ def make_solver(
         if not symmetric or modes is None:
             raise ValueError("conjugate gradients need a symmetric matrix and its rigid modes")
         return ConjugateGradients(indptr, indices, modes)
-    if method == "superlu" or (method == "auto" and _mkl_pardiso() is None):
+    if method == "superlu" or (method == "auto" and mkl_pardiso() is None):
         return SuperLU(indptr, indices, symmetric=symmetric)
     return Pardiso(indptr, indices, symmetric=symmetric, bordered=bordered)
 
 
 @lru_cache(maxsize=1)
-def _mkl_pardiso():
+def mkl_pardiso():
+    """MKL's PARDISO, loaded at the first call; None where it is not installed."""
     # pypardiso looks for this library all through the environment, twice, unless told.
     with suppress(PackageNotFoundError):
         mine = [f for f in files("mkl") or () if f.name.startswith("libmkl_rt")]
@@ -106,7 +107,7 @@ class Pardiso:
     """One PARDISO handle for one pattern; its memory is freed with the object."""
 
     def __init__(self, indptr, indices, *, symmetric: bool, bordered: bool = False):
-        self._call = _mkl_pardiso()
+        self._call = mkl_pardiso()
         if self._call is None:
             raise ImportError("PARDISO needs MKL: install pypardiso, or use method='superlu'")
         self.n = len(indptr) - 1

@@ -20,6 +20,7 @@ from solver.cases.unit.choices import Meshing, Physics, Supports, Watch
 from solver.cases.unit.model import build, plane
 from solver.cases.unit.path import Ending, fold
 from solver.cases.unit.unit import EFFECTS, Unit
+from solver.equilibrium.clock import core_seconds
 from solver.equilibrium.descent import descend
 from solver.equilibrium.scene import Scene
 from solver.paths.continuation import load, trace
@@ -44,7 +45,7 @@ def settings(k):
 
 def examine(unit, physics, timeout=TIMEOUT):
     """The folding of a design and the faults of its last state, or of how it ended."""
-    begun, worked = time.monotonic(), time.process_time()
+    begun = core_seconds()
 
     def stop(state):
         m = foldability.measure(state.curves, unit.hinge_length)
@@ -52,7 +53,7 @@ def examine(unit, physics, timeout=TIMEOUT):
 
     found = fold(build(unit, Meshing(0), physics, watch=Watch(begun + timeout)), stop=stop)
     # Its own seconds: a busy machine is no hang.
-    spent, wrong = time.process_time() - worked, list(faults(found))
+    spent, wrong = core_seconds() - begun, list(faults(found))
     if spent > timeout + 5:
         wrong.append(f"it took {spent:.1f} s, {timeout:g} were allowed")
     if not found.detail:

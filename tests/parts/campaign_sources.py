@@ -68,13 +68,20 @@ class Slow:
 
 
 class Hangs(Slow):
-    """As Slow, but never answers for NOT, and says that its labels take ``timeout`` at most."""
+    """As Slow, but never answers for NOT, and says that its labels take ``timeout`` at most.
+
+    In compiled code that never gives Python its turn, asleep or ``busy``.
+    """
 
     timeout = 0.1
 
+    def __init__(self, busy=False, **options):
+        super().__init__(**options)
+        self.busy = busy
+
     def label(self, design):
         if design["kind"] == NOT:
-            ctypes.PyDLL(None).sleep(60)  # compiled code that never gives Python its turn
+            sum(range(10**12)) if self.busy else ctypes.PyDLL(None).sleep(60)
         return super().label(design)
 
 

@@ -79,8 +79,8 @@ class Supports:
 
 @dataclass(frozen=True)
 class Watch:
-    """``deadline``: ``time.monotonic()`` at which any iteration is broken off; ``clock`` keeps each
-    term's evaluations and seconds."""
+    """``deadline``: :func:`solver.equilibrium.clock.core_seconds` of the thread that computes at
+    which any iteration is broken off; ``clock`` keeps each term's evaluations and core-seconds."""
 
     deadline: float | None = None
     clock: dict[str, list[float]] | None = None

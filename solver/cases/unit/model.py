@@ -173,7 +173,7 @@ def build(
     if watch.deadline is not None:
         # Scales are an evaluation too, and a model must come of it however late it is.
         terms.append(Deadline(watch.deadline))
-        scene = Scene(body, terms, fixed=fixed, rows=rows, scales=scene.scales)
+        scene = scene.with_terms(terms)
     lines = Curves(unit, body, supports.mirrors)
     return Model(
         unit, meshing, physics, supports, watch, body, tuple(terms), scene, ground, contact, lines

@@ -48,12 +48,38 @@ def test_what_passes_a_parcel_on_needs_no_source():
         worker.ready(passed_on)
 
 
-def test_a_computation_that_hangs_is_ended(tmp_path, monkeypatch):
-    monkeypatch.setattr(campaign, "GRACE", 1.0)
-    report, frame = run([FOLDS, NOT, FOLDS, FOLDS], tmp_path / "s.db", Hangs(), workers=2)
+@pytest.mark.parametrize(
+    "busy, outcome, says",
+    [
+        (True, "hung", "no answer within 0.7 core-seconds, twice: the computation hangs"),
+        (False, "blocked", "no answer within 1.4 s on the wall, twice: the computation waits"),
+    ],
+)
+def test_a_computation_that_hangs_is_ended(busy, outcome, says, tmp_path, monkeypatch):
+    monkeypatch.setattr(campaign, "GRACE", 0.5)
+    # A busy one may take as long on the wall as a loaded machine makes it.
+    monkeypatch.setattr(campaign, "STARVED", 1000 if busy else 2)
+    hangs = Hangs(busy)
+    report, frame = run([FOLDS, NOT, FOLDS, FOLDS], tmp_path / "s.db", hangs, workers=2)
     assert report.complete and report.folds == 3
-    assert report.reasons == {"hung": 1}
-    assert frame["reason"][1].startswith("no answer within 1.2 s, twice")
+    assert report.reasons == {outcome: 1}
+    assert frame["reason"][1].startswith(says)
+
+
+def test_labels_side_by_side_in_one_process_are_watched_together(monkeypatch):
+    timers, alarms = [], []
+    monkeypatch.setattr(worker.signal, "setitimer", lambda which, s: timers.append(s))
+    monkeypatch.setattr(worker.faulthandler, "register", lambda *a, **o: None)
+    monkeypatch.setattr(
+        worker.faulthandler, "dump_traceback_later", lambda s, **o: alarms.append(s)
+    )
+    monkeypatch.setattr(worker.faulthandler, "cancel_dump_traceback_later", lambda: None)
+    parcel = worker.Parcel(Slow(), limit=3.0, wall=60.0)
+    with worker._watched(parcel), worker._watched(parcel):
+        pass
+    # The time of a process is that of all its labels; no label's end ends the watch of another.
+    assert timers == [3.0, 6.0, 3.0, 0.0]
+    assert alarms == [60.0, 60.0, 60.0]
 
 
 FOREIGN = """
@@ -63,7 +89,7 @@ from multiprocessing import get_context
 from campaign_sources import FOLDS, NOT, Hangs, designs
 from foldlab.campaign import campaign
 
-campaign.GRACE = 1.0
+campaign.GRACE, campaign.STARVED = 0.5, 2
 with ProcessPoolExecutor(1, mp_context=get_context("spawn")) as pool:
     report = campaign.run_campaign(
         designs([FOLDS, NOT, FOLDS, FOLDS]), Hangs(), sys.argv[1], progress=False, executor=pool,

@@ -1,10 +1,15 @@
 """Labels from the solver: what they say, what they keep, and how they end."""
 
 import json
+import os
 import pickle
+import subprocess
+from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from numba.core import event
 
 from foldlab.design import REDUCED
 from foldlab.errors import InputError
@@ -13,6 +18,8 @@ from foldlab.labels.asked import Conditions, Effort
 from foldlab.labels.label import LabelSource, storable
 from foldlab.labels.solver import SolverSource, make_source
 from foldlab.labels.verdict import CURVE_POINTS
+from solver.equilibrium import clock
+from solver.physics.elastic import Elastic
 
 LIGHT = {
     "E_ratio": 0.1, "rho_ratio": 1.0, "hinge_length": 0.25, "hinge_width": 1.0, "h_ratio": 5.0,
@@ -56,6 +63,44 @@ def test_a_light_unit_folds():
     contractions = [entry[0] for entry in seen["history"]]
     assert contractions[0] == 0 and np.all(np.diff(contractions) > 0)
     assert 0 < seen["core_seconds"] <= seen["seconds"] * 1.5
+
+
+BUSY = "ulimit -t 30; while :; do :; done"
+
+
+def test_a_busy_neighbour_changes_no_answer():
+    """With three busy processes for each core a label takes more on the wall than its timeout."""
+    design, effort = LIGHT | {"contraction": 0.05}, Effort(accuracy=0.2, refine="never")
+    first = SolverSource(effort=effort).label(design)
+    timeout = 2 * first.evidence["core_seconds"]
+    cores = os.cpu_count() or 1
+    busy = [subprocess.Popen(["sh", "-c", BUSY]) for _ in range(3 * cores)]
+    try:
+        loaded = SolverSource(effort=replace(effort, timeout=timeout)).label(design)
+    finally:
+        for process in busy:
+            process.kill()
+            process.wait()
+    assert (loaded.foldable, loaded.reason) == (first.foldable, first.reason)
+    for name in ("m1", "m2", "levels", "outcome"):
+        assert loaded.evidence[name] == first.evidence[name]
+
+
+def test_compiling_does_not_count(monkeypatch):
+    passed = [0.0]
+    monkeypatch.setattr(clock, "time", SimpleNamespace(thread_time=lambda: passed[0]))
+    evaluate = Elastic.evaluate
+
+    def compiles(*args):
+        with event.trigger_event("numba:compiler_lock"):
+            passed[0] += 100.0
+        passed[0] += 1e-3
+        return evaluate(*args)
+
+    monkeypatch.setattr(Elastic, "evaluate", compiles)
+    label = SolverSource(Conditions(effects="none"), Effort(accuracy=0.1, timeout=5.0)).label(LIGHT)
+    assert label.foldable is True
+    assert passed[0] > 1000 and 0.01 < label.evidence["core_seconds"] < 5
 
 
 def test_the_error_covers_what_the_next_mesh_changes():

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from path_toys import function_scene
 
-from solver.equilibrium.linear import SingularMatrix, _mkl_pardiso, make_solver
+from solver.equilibrium.linear import SingularMatrix, make_solver, mkl_pardiso
 from solver.equilibrium.newton import Outcome, newton
 from solver.equilibrium.scene import Scene
 from solver.mesh.body import Body
@@ -15,7 +15,7 @@ from solver.physics.loads import Gravity
 from solver.physics.materials import NeoHookean
 from solver.physics.supports import Fixed, Row, rotation_row, translation_row
 
-DIRECT = ["superlu"] + (["pardiso"] if _mkl_pardiso() else [])
+DIRECT = ["superlu"] + (["pardiso"] if mkl_pardiso() else [])
 
 
 def full(A, method, symmetric=True):

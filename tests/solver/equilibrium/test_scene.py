@@ -5,13 +5,13 @@ import pytest
 import scipy.sparse as sp
 import skfem
 
-from solver.equilibrium.linear import SingularMatrix, _mkl_pardiso, make_solver
+from solver.equilibrium.linear import SingularMatrix, make_solver, mkl_pardiso
 from solver.equilibrium.scene import Scales, Scene
 from solver.mesh.body import Body, NodeGraph
 from solver.physics.supports import Fixed, rotation_row, translation_row
 from solver.physics.term import Evaluation
 
-DIRECT = ["superlu"] + (["pardiso"] if _mkl_pardiso() else [])
+DIRECT = ["superlu"] + (["pardiso"] if mkl_pardiso() else [])
 
 
 @pytest.fixture
