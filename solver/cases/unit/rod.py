@@ -11,7 +11,8 @@ ground (:mod:`solver.cases.unit.rod_kernel`). What it is made of:
 - Ends of the hinge. Where the active layer ends, the stress in it dies away over a length of the
   order of its thickness. Of the end as a whole the rod needs two numbers, functions of h_i/h_s and
   E_i/E_s: how far it turns beyond what κ l_i says, ψ(c), and its rotation per moment beyond what
-  B says. They come from the solid in plane strain, ν = 0.3 (``hinge_ends.csv``). A stiff thick
+  B says. They come from the solid in plane strain, ν = 0.3 (``hinge_ends.csv``,
+  made by ``python -m experiments.rod_accuracy --set write=true``). A stiff thick
   layer bends nothing and turns the sheet by 3 c at its two ends; a soft one ends early and is weak
   there.
 
@@ -38,10 +39,10 @@ NU = 0.3  # of the table of ends
 STATES = 400
 # Longest and shortest step of e, tolerance and most turn against what was expected, in rad.
 RULES = (0.34, 1e-4, 1e-6, 0.3)
-# Quantile regression on half of the 3747 uniaxial labels of gravity-5k whose rod reached the full
-# contraction without a jump, rounded up: of the labels' angles 96 % lie within. Median of the error
-# itself 0.0064, of the stated one 0.06, relative to the angle or |g|π, whichever is larger.
-ERROR = (0.03, 0.03, 0.06, 0.15)
+# Quantile regression for 95 % of 1874 of the uniaxial labels of gravity-5k whose rod reached the
+# full contraction without a jump, then raised, as 30 fresh designs did not keep it: of all 3759
+# labels 97.5 % lie within, of those that sag 88 %. ``python -m experiments.rod_accuracy`` counts.
+ERROR = (0.03, 0.05, 0.1, 0.15)
 # Least stiffness of the softest symmetric mode, over its bending stiffness alone, at which a path
 # counts as steady: 0 at a limit point, 1 without weight.
 STEADY = 0.1
@@ -111,7 +112,7 @@ class Bent:
 
     @property
     def error(self) -> float:
-        """Of ``angle`` against the solid, in rad: what 95 % of the designs of :data:`ERROR` keep.
+        """Of ``angle`` against the solid, in rad: what most of the designs of :data:`ERROR` keep.
 
         A share of the angle, of the contraction, of what the weight takes from the natural turn
         (over the softness, as what is nearly unstable multiplies errors), and of the natural turn

@@ -19,7 +19,7 @@ from __future__ import annotations
 import numba
 import numpy as np
 
-STEPS = 2  # of Runge and Kutta's fourth order through each layer
+STEPS = 3  # of Runge and Kutta's fourth order through each layer
 
 
 @numba.njit(cache=True)
