@@ -107,7 +107,7 @@ def run(config: Config, tracker) -> dict[str, Any]:
             {
                 "seed": seed,
                 "proposals": len(answer.proposals),
-                "confirmed": answer.confirmed_share,
+                "confirmed": answer.confirmed_fraction,
                 "boxes_confirmed": whole,
                 "seconds": answer.seconds,
             }

@@ -84,21 +84,24 @@ def run(settings: Settings, out: Path, say: Callable[[str], None]) -> dict[str, 
         answer = confirm(
             propose(wish, comparison.models[best], settings.proposals, seed=seed), source
         )
-        share = answer.confirmed_share
-        say(f"designs  {len(answer.proposals)} proposed at slenderness 0.01, {share:.0%} confirmed")
+        confirmed = answer.confirmed_fraction
+        say(
+            f"designs  {len(answer.proposals)} proposed at slenderness 0.01, "
+            f"{confirmed:.0%} confirmed"
+        )
         import pandas as pd
 
         table = pd.DataFrame(comparison.rows)
         write_table(table, out / "comparison.csv")
         tracker.table("comparison", table)
-        tracker.metrics({"confirmed_share": share, "map_accuracy": regime.accuracy})
+        tracker.metrics({"confirmed_fraction": confirmed, "map_accuracy": regime.accuracy})
         seconds = time.perf_counter() - start
     say(f"tracked  open the pages with: mlflow ui --backend-store-uri {tracking_uri()}")
     return {
         "table": comparison.rows,
         "best": best,
         "map_accuracy": regime.accuracy,
-        "confirmed_share": share,
+        "confirmed_fraction": confirmed,
         "folder": out,
         "seconds": seconds,
     }

@@ -187,9 +187,11 @@ def rows(result: Mapping[str, Any]) -> list[dict]:
     limits = [f"> {t.angle(g):.3g} rad", f"< {t.most_across(g):.3g} rad"]
     limits += [f"1 ± {t.parallel:g}"] * 2
     says = (
-        "turning along the sheet", "turning across the hinge", "edge along the middle",
+        "turning along the sheet",
+        "turning across the hinge",
+        "edge along the middle",
         "other edge along the middle",
-    )  # fmt: skip
+    )
     return [
         {
             "measure": f"m{k} {what}",

@@ -41,10 +41,11 @@ class Proposal:
     ``groups``: value by group. ``physical``: SI values by name as far as the limits reach
     (``design.PHYSICAL``). ``mass`` in kg, or None. ``probability``: predicted P(foldable), None
     without a classifier. ``angle``: predicted fold angle, rad, None unless wished. ``margin``:
-    half-width (share of the bounds) of the largest cube predicted to do as wished. ``box``: (low,
-    high) by group; predicted to hold, with half the wished margin to spare on every side. After
-    :func:`confirm`: the source's ``label`` of the design, and how many of ``box_checked`` points of
-    the box the source found as wished (``box_held``) or could not tell (``box_unknown``).
+    half-width (fraction of the bounds) of the largest cube predicted to do as wished. ``box``:
+    (low, high) by group; predicted to hold, with half the wished margin to spare on every side.
+    After :func:`confirm`: the source's ``label`` of the design, and how many of ``box_checked``
+    points of the box the source labels as wished (``box_held``) or could not tell
+    (``box_unknown``).
     """
 
     groups: Mapping[str, float]
@@ -96,7 +97,7 @@ class Answer:
         return len(self.proposals) == self.asked
 
     @property
-    def confirmed_share(self) -> float | None:
+    def confirmed_fraction(self) -> float | None:
         """Confirmed over all proposals (unknown counts as not); None before :func:`confirm`."""
         if not self.proposals or any(p.label is None for p in self.proposals):
             return None
@@ -106,11 +107,11 @@ class Answer:
         """Plain values for JSON."""
         return {
             "asked": self.asked,
-            "found": len(self.proposals),
+            "proposed": len(self.proposals),
             "reason": self.reason,
             "seconds": self.seconds,
             "source": self.source,
-            "confirmed_share": self.confirmed_share,
+            "confirmed_fraction": self.confirmed_fraction,
             "proposals": [p.as_dict() for p in self.proposals],
         }
 
@@ -143,14 +144,14 @@ def propose(wish: Wish, classifier=None, n: int = 5, *, seed: int, angle_model=N
         raise InputError("; ".join(dict.fromkeys(failures)))
     walkers = max(WALKERS, 8 * n)
     tries = [_search(score, region, n, seed, walkers) for _, region in regions]
-    found = [
+    reached = [
         (pair, region, x[robust])
         for (pair, region), (x, robust, _) in zip(regions, tries, strict=True)
         if robust.any()
     ]
-    if not found:
+    if not reached:
         return Answer(wish, n, (), _why_none(score, regions, tries, seed), _since(start))
-    proposals = _assemble(score, found, n, seed)
+    proposals = _assemble(score, reached, n, seed)
     reason = f"{n} designs found"
     if len(proposals) < n:
         reason = f"only {len(proposals)} distinct designs within the limits; widen a range"
@@ -248,10 +249,10 @@ def _why_none(score: Score, regions, tries, seed: int) -> str:
     return f"{text}; {hint}; {nearest[1] if nearest else 'relaxing one limit alone does not help'}"
 
 
-def _assemble(score: Score, found, n: int, seed: int) -> list[Proposal]:
+def _assemble(score: Score, reached, n: int, seed: int) -> list[Proposal]:
     rng = np.random.default_rng(seed)
     groups, physical, owner = [], [], []
-    for k, (_, region, x) in enumerate(found):
+    for k, (_, region, x) in enumerate(reached):
         x = x[rng.permutation(len(x))[: max(2000, 4 * n)]]
         groups.append(_groups(region, x))
         physical.append(_physical(region, groups[-1], x))
@@ -277,7 +278,7 @@ def _assemble(score: Score, found, n: int, seed: int) -> list[Proposal]:
             Proposal(
                 groups=row,
                 physical=physical.iloc[i].dropna().to_dict(),
-                materials=found[owner[chosen[i]]][0],
+                materials=reached[owner[chosen[i]]][0],
                 mass=None if mass is None or np.isnan(mass[i]) else float(mass[i]),
                 probability=None if probability is None else float(probability[i]),
                 angle=None if angle is None else float(angle[i]),

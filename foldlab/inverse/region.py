@@ -96,22 +96,22 @@ class Region:
         return out
 
     def _contradiction(self) -> str:
-        found = []
+        candidates = []
         cost = np.append(np.zeros(len(self.names)), 1.0)
         for k, limit in enumerate(self.limits):
             if limit.soft:
                 result = self._programme(cost, skip=k)
                 if result.status == 0:
                     value = 10.0 ** float(self._rows[k] @ result.x[:-1])
-                    found.append((result.x[-1], limit, value))
-        if not found:
+                    candidates.append((result.x[-1], limit, value))
+        if not candidates:
             texts = "; ".join(limit.text for limit in self.limits if limit.soft)
             return f"more than one limit contradicts the others, among {texts}: relax several"
-        found.sort(key=lambda entry: entry[0])
-        texts = "; ".join(limit.text for _, limit, _ in found)
+        candidates.sort(key=lambda entry: entry[0])
+        texts = "; ".join(limit.text for _, limit, _ in candidates)
         cures = "; or ".join(
             f"{limit.quantity} would have to be {_quantity(limit.quantity, value)}"
-            for _, limit, value in found
+            for _, limit, value in candidates
         )
         return f"no design meets all limits; with the bounds of the space clash: {texts}: {cures}"
 

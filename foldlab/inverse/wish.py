@@ -37,8 +37,15 @@ from foldlab.errors import InputError
 SCALES = {"E_s": (1e2, 1e12), "rho_s": (1.0, 2.5e4), "l_s": (1e-6, 10.0)}
 DEFAULT_MARGIN = 0.02
 _MASS_NEEDS = (
-    "rho_s", "l_s", "slenderness", "h_ratio", "aspect", "hinge_length", "hinge_width", "rho_ratio",
-)  # fmt: skip
+    "rho_s",
+    "l_s",
+    "slenderness",
+    "h_ratio",
+    "aspect",
+    "hinge_length",
+    "hinge_width",
+    "rho_ratio",
+)
 
 
 @dataclass(frozen=True)
@@ -65,10 +72,10 @@ class Wish:
     ranges of E, rho and contraction hold; several names are alternatives. ``max_mass`` in kg; the
     sizes of the flat unit in m, the thickness including the active layer.
 
-    ``margin``: half-width, as a share of each group's bounds on its own scale (max norm in the unit
-    cube), of the box around a design in which it must still do what is wanted, by prediction; 0.02
-    by default, which is 0.12 decades of E_i/E_s, and 0 for an angle. ``min_probability`` that the
-    predicted label is the wanted one.
+    ``margin``: half-width, as a fraction of each group's bounds on its own scale (max norm in the
+    unit cube), of the box around a design in which it must still do what is wanted, by prediction;
+    0.02 by default, which is 0.12 decades of E_i/E_s, and 0 for an angle. ``min_probability`` that
+    the predicted label is the wanted one.
 
     Raises :class:`InputError` for unknown names, values out of bounds, quantities limited twice.
     """
@@ -120,7 +127,7 @@ class Wish:
             )
         if not 0 <= self.margin < 0.5:
             raise InputError(
-                f"margin = {self.margin:g}; expected a share of the bounds, 0 … below 0.5"
+                f"margin = {self.margin:g}; expected a fraction of the bounds, 0 … below 0.5"
             )
         if not 0.5 <= self.min_probability < 1:
             raise InputError(f"min_probability = {self.min_probability:g}; expected 0.5 … below 1")

@@ -292,7 +292,7 @@ class DissertationNetwork(NetworkClassifier):
     def _check_settings(self):
         super()._check_settings()
         if not (isinstance(self.dropout, Real) and 0 <= self.dropout < 1):
-            raise InputError(f"dropout = {self.dropout}; give a share from 0 to below 1")
+            raise InputError(f"dropout = {self.dropout}; give a fraction from 0 to below 1")
 
     def _optimise(self, inputs, target, weight, epochs):
         member = self.module_.members[0]
@@ -308,8 +308,10 @@ class DissertationNetwork(NetworkClassifier):
                 self.optimizer_.step()
                 total += loss.item() * len(batch)
             losses.append(total / len(inputs))
-        share = float((weight * target).mean())  # weights have mean 1
-        constant = -share * np.log(share) - (1 - share) * np.log1p(-share) if share % 1 else np.inf
+        positive = float((weight * target).mean())  # weights have mean 1
+        constant = np.inf
+        if positive % 1:
+            constant = -positive * np.log(positive) - (1 - positive) * np.log1p(-positive)
         if losses[-1] >= constant:
             warnings.warn(
                 f"the loss after {epochs} epochs, {losses[-1]:.3g}, is no better than a constant "
@@ -327,7 +329,7 @@ class SmoothNetwork(NetworkClassifier):
     and noise-free: smooth units, a small weight penalty (``penalty`` Σ w², weights only) and a
     quasi-Newton method on all labels find it where stochastic steps hover around it. An epoch is
     one L-BFGS iteration; a member is converged once an iteration lowers its loss by less than the
-    share ``rtol``, otherwise ``ConvergenceWarning`` says so.
+    fraction ``rtol``, otherwise ``ConvergenceWarning`` says so.
     """
 
     _whole = ("members", "epochs")

@@ -53,16 +53,27 @@ def plot_learning_curves(
             ax.fill_between(labels, group.min(), group.max(), color=colour, alpha=0.18, lw=0)
             seeds = rows["seed"].nunique()
             ax.plot(
-                labels, group.median(), color=colour, marker=marker, ms=3.5, lw=1.3,
+                labels,
+                group.median(),
+                color=colour,
+                marker=marker,
+                ms=3.5,
+                lw=1.3,
                 label=f"{strategy} ({seeds} seed{'s' if seeds > 1 else ''})",
-            )  # fmt: skip
+            )
         if target is not None:
             level = 1 - target if as_error else target
             ax.axhline(level, color="#4D4D4D", ls=(0, (4, 3)), lw=0.8)
             ax.annotate(
-                f"{target:g}", (1, level), (3, 0), xycoords=("axes fraction", "data"),
-                textcoords="offset points", ha="left", va="center", color="#4D4D4D",
-            )  # fmt: skip
+                f"{target:g}",
+                (1, level),
+                (3, 0),
+                xycoords=("axes fraction", "data"),
+                textcoords="offset points",
+                ha="left",
+                va="center",
+                color="#4D4D4D",
+            )
         if as_error:
             ax.set_yscale("log")
         ax.set_xlabel("number of labels")
@@ -114,13 +125,30 @@ def plot_pareto(
         figure = Figure(figsize=(4.4, 3.1), layout="constrained")
         ax = figure.subplots()
         rest, line = front[~best], front[best].sort_values([x, y])
-        ax.plot(rest[x], rest[y], ls="none", marker="o", ms=3, mfc="#C9C9C9", mec="none",
-                label="dominated")  # fmt: skip
+        ax.plot(
+            rest[x],
+            rest[y],
+            ls="none",
+            marker="o",
+            ms=3,
+            mfc="#C9C9C9",
+            mec="none",
+            label="dominated",
+        )
         # The stair encloses what is attainable: it steps at each point away from the ideal corner.
         where = "pre" if maximise[0] else "post"
         ax.step(line[x], line[y], where=where, color=LINES[0], lw=0.9)
-        ax.plot(line[x], line[y], ls="none", marker="o", ms=4.5, mfc=LINES[0], mec="white",
-                mew=0.5, label="front")  # fmt: skip
+        ax.plot(
+            line[x],
+            line[y],
+            ls="none",
+            marker="o",
+            ms=4.5,
+            mfc=LINES[0],
+            mec="white",
+            mew=0.5,
+            label="front",
+        )
         if labels:
             for _, row in line.iterrows():
                 ax.annotate(

@@ -58,7 +58,9 @@ class Search:
             if getattr(self, name) < 1:
                 raise InputError(f"{name} = {getattr(self, name)}; expected at least 1")
         if not 0 < self.validation < 1:
-            raise InputError(f"validation = {self.validation:g}; expected a share between 0 and 1")
+            raise InputError(
+                f"validation = {self.validation:g}; expected a fraction between 0 and 1"
+            )
         for name, (low, high) in self._intervals().items():
             if not 0 < low <= high < np.inf:
                 raise InputError(f"{name} = {low:g} … {high:g}; expected 0 < low ≤ high < ∞")

@@ -173,8 +173,8 @@ def _count(n: int) -> str:
     return f"{n:,}".replace(",", "\u2009")
 
 
-def _percent(share: float | None) -> str:
-    return "undefined" if share is None else f"{100 * share:.2f} %"
+def _percent(fraction: float | None) -> str:
+    return "undefined" if fraction is None else f"{100 * fraction:.2f} %"
 
 
 def _regime_title(regime: RegimeMap, validated: bool) -> str:

@@ -96,19 +96,19 @@ class RegimeMap:
         """Correct over known points; None if no point is known."""
         n = self.counts
         right = n["true_positive"] + n["true_negative"]
-        return _share(right, right + n["false_positive"] + n["false_negative"])
+        return _fraction(right, right + n["false_positive"] + n["false_negative"])
 
     @property
     def false_positive_rate(self) -> float | None:
-        """Share of the designs that do not fold which are predicted to; None if there are none."""
+        """Fraction of the designs that do not fold which are predicted to; None without any."""
         n = self.counts
-        return _share(n["false_positive"], n["false_positive"] + n["true_negative"])
+        return _fraction(n["false_positive"], n["false_positive"] + n["true_negative"])
 
     @property
     def recall(self) -> float | None:
-        """Share of the designs that fold which are predicted to; None if there are none."""
+        """Fraction of the designs that fold which are predicted to; None if there are none."""
         n = self.counts
-        return _share(n["true_positive"], n["true_positive"] + n["false_negative"])
+        return _fraction(n["true_positive"], n["true_positive"] + n["false_negative"])
 
     def summary(self) -> dict:
         """Plain numbers for a log or JSON."""
@@ -136,7 +136,7 @@ class RegimeMap:
         return out
 
 
-def _share(part: int, whole: int) -> float | None:
+def _fraction(part: int, whole: int) -> float | None:
     return part / whole if whole else None
 
 

@@ -97,7 +97,7 @@ _CLIP = 4.0
 _WORST = 1e9
 _KINDS = {"Add": "+", "Sub": "-", "Mul": "*", "Div": "/", "Log": "log"}
 _LM_ITERATIONS = 5
-_STARTS, _START_SHARE = 4, 0.1
+_STARTS, _START_FRACTION = 4, 0.1
 _SEARCH_ROWS = 500  # of the training rows; the refit of constants uses all
 
 
@@ -241,11 +241,11 @@ def operon(X, y, inputs, constraints: Constraints, log_target: bool, deadline: f
             members.append(member)
         return members
 
-    def evolve(members: list, share: float) -> list:
-        """Run for a share of the limits from given members (parents and pool)."""
+    def evolve(members: list, fraction: float) -> list:
+        """Run for a fraction of the limits from given members (parents and pool)."""
         nonlocal until
-        until = min(deadline, time.monotonic() + share * seconds)
-        generations = max(1, round(share * (constraints.generations or 10**9)))
+        until = min(deadline, time.monotonic() + fraction * seconds)
+        generations = max(1, round(fraction * (constraints.generations or 10**9)))
         total.Budget = budget
         config = op.GeneticAlgorithmConfig(
             generations=generations,
@@ -272,30 +272,30 @@ def operon(X, y, inputs, constraints: Constraints, log_target: bool, deadline: f
         return sorted(search.Individuals, key=lambda i: (i.GetFitness(0), i.GetFitness(1)))
 
     # One population settles early, sometimes on a poor form; several short ones meet in a long one.
-    share = -(-constraints.population // _STARTS)
+    each = -(-constraints.population // _STARTS)
     parents = []
     for _ in range(_STARTS):
-        parents += evolve(strangers(), _START_SHARE)[:share]
+        parents += evolve(strangers(), _START_FRACTION)[:each]
     parents = parents[: constraints.population]
-    final = evolve(parents + parents, 1 - _STARTS * _START_SHARE)
-    found = []
+    final = evolve(parents + parents, 1 - _STARTS * _START_FRACTION)
+    candidates = []
     for member in final:
         nodes = list(member.Genotype.Nodes)
         if member.GetFitness(0) < _WORST:
-            found.append(
+            candidates.append(
                 (
                     member.GetFitness(0),
                     len(nodes),
                     read_operon(nodes[:-1] if log_target else nodes, names),
                 )
             )
-    return _by_length(found)
+    return _by_length(candidates)
 
 
-def _by_length(found: list[tuple[float, int, Tree]], keep: int = 4) -> list[Tree]:
+def _by_length(candidates: list[tuple[float, int, Tree]], keep: int = 4) -> list[Tree]:
     """The best of each length first, then the second of each, …: the order of refitting."""
     ranked, seen = [], {}
-    for error, length, tree in sorted(found, key=lambda f: (f[0], f[1], fm.infix(f[2]))):
+    for error, length, tree in sorted(candidates, key=lambda f: (f[0], f[1], fm.infix(f[2]))):
         earlier = seen.setdefault(length, [])
         # Equal errors at equal length are the same formula with its arguments swapped.
         if len(earlier) < keep and not any(abs(error - e) <= 1e-4 * error for e in earlier):

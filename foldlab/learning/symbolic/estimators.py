@@ -40,7 +40,7 @@ from foldlab.tables import as_frame
 
 __all__ = ["Constraints", "SymbolicClassifier", "SymbolicRegressor"]
 
-_SEARCH_SHARE = 0.85  # of the seconds; the rest is for refitting constants
+_SEARCH_FRACTION = 0.85  # of the seconds; the rest is for refitting constants
 _GUARDS = 2048  # points of the box at which a formula must be defined
 _CORNERS = 10  # dimensions up to which every corner of the box is one of the guards
 _WORST_LOG = 20.0
@@ -120,7 +120,12 @@ class SymbolicRegressor(RegressorMixin, BaseEstimator):
         scale = _scale_of(y)
         wanted = scale / y if self.reciprocal else y / scale
         candidates = ENGINES[self.engine](
-            X, wanted, self.inputs_, limits, self.log_target, start + _SEARCH_SHARE * limits.seconds
+            X,
+            wanted,
+            self.inputs_,
+            limits,
+            self.log_target,
+            start + _SEARCH_FRACTION * limits.seconds,
         )
         guards = _guard_points(*self._box(X), limits.seed)
         rows = []
@@ -332,7 +337,7 @@ def refit(tree: Tree, X, y, inputs, log_target: bool) -> tuple[Tree, float]:
             return np.where(np.isfinite(r), np.clip(r, -_WORST_LOG, _WORST_LOG), _WORST_LOG)
         return r
 
-    found = start
+    best = start
     if len(start) and np.isfinite(residual(start)).all():
         try:
             solution = least_squares(
@@ -342,11 +347,11 @@ def refit(tree: Tree, X, y, inputs, log_target: bool) -> tuple[Tree, float]:
                 x_scale=np.maximum(np.abs(start), 1e-6),
                 max_nfev=_REFIT_STEPS * (len(start) + 1),
             )
-            found = solution.x
+            best = solution.x
         except ValueError:  # a trial step left the domain of a plain-squares model
-            found = start
-    error = float(np.sqrt(np.mean(residual(found) ** 2)))
-    return fm.with_constants(tree, found), error
+            best = start
+    error = float(np.sqrt(np.mean(residual(best) ** 2)))
+    return fm.with_constants(tree, best), error
 
 
 def _scale_of(y) -> float:

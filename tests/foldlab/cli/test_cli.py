@@ -94,8 +94,8 @@ def test_design_confirms_its_proposals(foldlab, labels):
     answer = last_json(
         foldlab("design --set slenderness=0.01 --want foldable -n 5 --confirm --model m --json")
     )
-    assert answer["found"] == 5
-    assert answer["confirmed_share"] == 1.0
+    assert answer["proposed"] == 5
+    assert answer["confirmed_fraction"] == 1.0
     for proposal in answer["proposals"]:
         assert proposal["groups"]["slenderness"] == 0.01
         low, high = proposal["box"]["E_ratio"]
@@ -105,7 +105,7 @@ def test_design_confirms_its_proposals(foldlab, labels):
 def test_design_for_an_angle_needs_no_model(foldlab):
     line = "design --space full --want angle --angle 1.5 -n 3 --confirm --json"
     answer = last_json(foldlab(line))
-    assert answer["confirmed_share"] == 1.0
+    assert answer["confirmed_fraction"] == 1.0
 
 
 def test_what_no_design_can_do_is_status_3_with_the_reason(foldlab, labels):
@@ -166,7 +166,7 @@ BAD = {
     "missing store": ("export none.db -o l.parquet", "no label store none.db"),
     "unknown model": ("train l.parquet --model oracle -o m", "no model 'oracle'"),
     "unknown option": ("train l.parquet --model tree -o m --set dpeth=3", "dpeth"),
-    "bad share": ("train l.parquet -o m --holdout 1.5", "holdout = 1.5"),
+    "bad holdout": ("train l.parquet -o m --holdout 1.5", "holdout = 1.5"),
     "missing model": ("score none l.parquet", "none"),
     "bad pair": ("design --set slenderness", "expected name=value"),
     "out of bounds": ("design --set slenderness=3", "slenderness"),
@@ -283,9 +283,16 @@ def test_help_names_every_verb(foldlab, line):
 
 def test_thick_layers_are_warned_about_not_refused(foldlab, tmp_path, monkeypatch):
     design = {
-        "E_ratio": 0.1, "rho_ratio": 1.0, "hinge_length": 0.05, "hinge_width": 1.0, "h_ratio": 5.0,
-        "stiffness_to_weight": 1.0, "aspect": 0.2, "slenderness": 0.02, "contraction": 0.1,
-    }  # fmt: skip
+        "E_ratio": 0.1,
+        "rho_ratio": 1.0,
+        "hinge_length": 0.05,
+        "hinge_width": 1.0,
+        "h_ratio": 5.0,
+        "stiffness_to_weight": 1.0,
+        "aspect": 0.2,
+        "slenderness": 0.02,
+        "contraction": 0.1,
+    }
     table = pd.DataFrame([design, {**design, "hinge_length": 0.3}])
     table.to_parquet(tmp_path / "d.parquet")
     quick = "--source solver --set timeout=0.001 -o s.db"

@@ -15,9 +15,13 @@ from foldlab.labels.solver import SolverSource
 from foldlab.unit import render
 
 GROUPS = {
-    "E_ratio": 0.1, "h_ratio": 5, "hinge_length": 0.2, "aspect": 0.2, "slenderness": 4e-3,
+    "E_ratio": 0.1,
+    "h_ratio": 5,
+    "hinge_length": 0.2,
+    "aspect": 0.2,
+    "slenderness": 4e-3,
     "contraction": 0.3,
-}  # fmt: skip
+}
 HEAVY = {**GROUPS, "rho_ratio": 1.0, "hinge_width": 1.0, "stiffness_to_weight": 1.0}
 PROBLEM_P = 3.772  # rad; references: two independent codes agree within 0.1 %
 
@@ -45,32 +49,32 @@ def test_problem_p_in_numbers_files_and_pictures(simulate, tmp_path):
     line = f"{sets(**GROUPS)} --effects none --growth uniaxial --accuracy 0.05 -o p --json"
     status, out, err = simulate(line)
     assert (status, err.count("\n"), out.count("\n")) == (0, 1, 1)
-    found = json.loads(out)
-    told = found["expected"]
+    result = json.loads(out)
+    told = result["expected"]
     assert err.startswith("expected: ") and f"{told['memory_mb']:.0f} MB" in err
     assert 0 < told["low"] <= told["seconds"] <= told["high"] < 60
-    assert found["fold_angle"] == pytest.approx(PROBLEM_P, rel=0.01)
-    assert found["measures"]["m1"] == found["fold_angle"]
-    assert set(found["tags"].values()) == {True} and found["foldable"] and found["stable"]
-    assert (found["outcome"], found["unstable_modes"]) == ("folds", 0)
-    assert abs(found["fold_angle"] / PROBLEM_P - 1) < found["error_estimate"] < 0.05
-    assert found["effects"] == ["elastic"]
-    assert found["rest_gap"] is None and found["penetration"] is None
-    assert found["contraction_reached"] == 0.3
+    assert result["fold_angle"] == pytest.approx(PROBLEM_P, rel=0.01)
+    assert result["measures"]["m1"] == result["fold_angle"]
+    assert set(result["tags"].values()) == {True} and result["foldable"] and result["stable"]
+    assert (result["outcome"], result["unstable_modes"]) == ("folds", 0)
+    assert abs(result["fold_angle"] / PROBLEM_P - 1) < result["error_estimate"] < 0.05
+    assert result["effects"] == ["elastic"]
+    assert result["rest_gap"] is None and result["penetration"] is None
+    assert result["contraction_reached"] == 0.3
     # What acts on nothing is not made up.
-    assert found["design"]["stiffness_to_weight"] is None
-    assert found["design"]["hinge_width"] == 1
+    assert result["design"]["stiffness_to_weight"] is None
+    assert result["design"]["hinge_width"] == 1
     for name in ("seconds", "peak_memory_mb", "unknowns", "steps", "iterations"):
-        assert found[name] > 0, name
+        assert result[name] > 0, name
     files = ["result.json", "curves.npz", "series/unit.pvd", "shapes.png", "angle.png"]
-    assert found["files"] == [f"p/{name}" for name in files]
+    assert result["files"] == [f"p/{name}" for name in files]
     kept = json.loads((tmp_path / "p" / "result.json").read_text())
     assert kept["label"]["evidence"]["history"][-1][1] == pytest.approx(kept["fold_angle"])
     assert [row["m1"] for row in kept["path"]][-1] == kept["fold_angle"]
     curves = np.load(tmp_path / "p" / "curves.npz")
-    assert curves["curves"].shape == (found["steps"], 4, 1000, 3)
+    assert curves["curves"].shape == (result["steps"], 4, 1000, 3)
     again = foldability.measure(curves["curves"][-1], GROUPS["hinge_length"])
-    assert again.m1 == pytest.approx(found["fold_angle"])
+    assert again.m1 == pytest.approx(result["fold_angle"])
     for name in ("shapes.png", "angle.png"):
         with Image.open(tmp_path / "p" / name) as image:
             assert image.size[0] > 2000 and np.asarray(image.convert("L")).std() > 5
@@ -134,11 +138,15 @@ def test_out_of_time_keeps_what_there_is(simulate, tmp_path):
     assert status == 3 and "not reached: unknown: the time allowed was used up" in err
     assert "warning: the active layer is 0.3 l_s thick and the hinge only 0.2 l_s long" in err
     kept = json.loads((tmp_path / "old" / "result.json").read_text())
-    for found in (kept, json.loads(out)):
-        assert (found["foldable"], found["outcome"], found["fold_angle"]) == (None, "timeout", None)
-        assert found["effects"] == ["elastic", "gravity", "ground"]
-    left = sorted(path.name for path in (tmp_path / "old").rglob("*") if path.is_file())
-    assert left == ["mine.txt", "result.json"]
+    for result in (kept, json.loads(out)):
+        assert (result["foldable"], result["outcome"], result["fold_angle"]) == (
+            None,
+            "timeout",
+            None,
+        )
+        assert result["effects"] == ["elastic", "gravity", "ground"]
+    kept = sorted(path.name for path in (tmp_path / "old").rglob("*") if path.is_file())
+    assert kept == ["mine.txt", "result.json"]
 
 
 def test_an_accuracy_that_was_not_reached_is_told(simulate, tmp_path):
@@ -160,11 +168,11 @@ def test_weight_is_in_the_summary_and_in_the_film(simulate, tmp_path):
     assert (status, err.count("\n")) == (0, 1) and err.startswith("expected: ")
     assert "m1 turning along the sheet" in out and "events: lift-off at" in out
     assert "effects: elastic, gravity, ground" in out and "g/fold.gif" in out
-    found = json.loads((tmp_path / "g" / "result.json").read_text())
+    result = json.loads((tmp_path / "g" / "result.json").read_text())
     # physics.md §3, over h_s
-    assert 0 <= found["rest_gap"] <= 0.25 and 0 < found["penetration"] <= 0.1
+    assert 0 <= result["rest_gap"] <= 0.25 and 0 < result["penetration"] <= 0.1
     with Image.open(tmp_path / "g" / "fold.gif") as film:
-        assert film.n_frames == found["steps"]
+        assert film.n_frames == result["steps"]
 
 
 def test_where_nothing_renders_the_unit_is_drawn_from_the_side(simulate, tmp_path, monkeypatch):

@@ -47,7 +47,7 @@ def test_a_thousand_proposals_hold_and_spread(want):
     shift = 0.05 if want == "foldable" else -0.05
     answer = confirm(propose(Wish(want=want), Soft(shift=shift), 1000, seed=1), SOURCE)
     assert answer.complete
-    assert answer.confirmed_share >= 0.99
+    assert answer.confirmed_fraction >= 0.99
     assert all(p.margin >= 0.02 for p in answer.proposals)
     assert np.mean([p.box_confirmed for p in answer.proposals]) >= 0.97
     points = unit(answer.proposals)
@@ -97,7 +97,7 @@ def test_si_units_and_groups_say_the_same_and_materials_hold(space):
     source = TimoshenkoSource(space)
     wish = Wish(space=space, **SHEET)
     answer = confirm(propose(wish, Soft(source), 30, seed=0), source)
-    assert answer.complete and answer.confirmed_share == 1.0
+    assert answer.complete and answer.confirmed_fraction == 1.0
     table = read_materials()
     assert {p.materials for p in answer.proposals} == {
         ("polyester film", "shape-memory polymer"),
@@ -168,7 +168,7 @@ def test_wanted_angle_is_met_with_its_tolerance_over_the_box(space):
         margin=0.002,
     )
     answer = confirm(propose(wish, n=20, seed=0, angle_model=source), source)
-    assert answer.complete and answer.confirmed_share == 1.0
+    assert answer.complete and answer.confirmed_fraction == 1.0
     assert all(p.box_confirmed for p in answer.proposals)
     for p in answer.proposals:
         keys = ("E_ratio", "h_ratio", "slenderness", "hinge_length", "contraction")
@@ -184,7 +184,7 @@ def test_an_angle_from_a_regressor_is_that_of_the_regressor():
 
     wish = Wish(want=Angle(2.0, 0.1), fixed={"contraction": 0.2, "hinge_length": 0.25})
     answer = confirm(propose(wish, n=5, seed=0, angle_model=Regressor()), SOURCE)
-    assert answer.complete and answer.confirmed_share == 0.0
+    assert answer.complete and answer.confirmed_fraction == 0.0
     for p in answer.proposals:
         true = p.label.evidence["normalised_angle"] * 0.2 * 0.25
         assert p.angle == pytest.approx(1.5 * true, rel=1e-9)
@@ -194,7 +194,7 @@ def test_confirmation_finds_a_classifier_out():
     answer = confirm(propose(Wish(), Soft(shift=3.0), 200, seed=0), SOURCE)
     folds = [SOURCE.label(p.groups).foldable for p in answer.proposals]
     assert [p.confirmed for p in answer.proposals] == folds
-    assert answer.confirmed_share == np.mean(folds) < 0.95
+    assert answer.confirmed_fraction == np.mean(folds) < 0.95
     assert any(p.box_confirmed is False for p in answer.proposals)
 
 
@@ -211,7 +211,7 @@ def test_unknown_labels_are_neither_confirmed_nor_refuted():
     for p in answer.proposals:
         assert p.confirmed is None and p.box_confirmed is None
         assert (p.box_checked, p.box_held, p.box_unknown) == (3, 0, 3)
-    assert answer.confirmed_share == 0.0
+    assert answer.confirmed_fraction == 0.0
 
 
 def test_same_seed_same_answer_and_it_is_plain_json():
@@ -222,7 +222,7 @@ def test_same_seed_same_answer_and_it_is_plain_json():
         for p in out["proposals"]:
             p["evidence"].pop("seconds")
     assert json.loads(json.dumps(one)) == json.loads(json.dumps(two))
-    assert one["found"] == 5 and one["proposals"][0]["box_confirmed"] is True
+    assert one["proposed"] == 5 and one["proposals"][0]["box_confirmed"] is True
 
 
 @pytest.mark.parametrize(
@@ -250,7 +250,7 @@ def test_where_nothing_folds_the_answer_is_empty_and_says_what_binds():
     assert answer.proposals == () and not answer.complete
     assert "'foldable' is predicted" in answer.reason
     assert "slenderness = 0.1 binds" in answer.reason or "h_ratio = 8 binds" in answer.reason
-    assert confirm(answer, SOURCE).confirmed_share is None
+    assert confirm(answer, SOURCE).confirmed_fraction is None
     json.dumps(answer.as_dict())
 
 

@@ -325,12 +325,12 @@ def test_no_usable_candidate_is_an_error_and_usable_ones_survive(monkeypatch):
         ("log", ("+", 1.0, ("log", "E_ratio"))),  # log in log
         ("*", float("inf"), "E_ratio"),
     ]
-    found = list(bad)
-    monkeypatch.setitem(engines.ENGINES, "operon", lambda *_: found)
+    candidates = list(bad)
+    monkeypatch.setitem(engines.ENGINES, "operon", lambda *_: candidates)
     model = SymbolicRegressor(REDUCED, reciprocal=False)
     with pytest.raises(InputError, match="no finite formula"):
         model.fit(X, y)
-    found.append(("*", -1.0, "E_ratio"))  # log|A| leaves the sign open
+    candidates.append(("*", -1.0, "E_ratio"))  # log|A| leaves the sign open
     assert model.fit(X, y).front_["formula"].map(str).tolist() == ["E_ratio"]
     assert (model.predict(X) > 0).all()
 
@@ -341,20 +341,24 @@ def test_formulas_are_defined_in_the_whole_space_and_not_only_where_the_rows_are
     X = X[X.E_ratio > 0.00104]
     undefined = ("-", 8.0, ("log", ("-", "E_ratio", 0.001037)))
     y = Formula(undefined, NAMES)(X.to_numpy())
-    found = [undefined, "E_ratio"]
-    monkeypatch.setitem(engines.ENGINES, "operon", lambda *_: found)
+    candidates = [undefined, "E_ratio"]
+    monkeypatch.setitem(engines.ENGINES, "operon", lambda *_: candidates)
     anywhere = SymbolicRegressor(reciprocal=False).fit(X, y)
     assert "0.001037" in str(anywhere.formula_)
     model = SymbolicRegressor(REDUCED, reciprocal=False).fit(X, y)
     assert model.front_["formula"].map(str).tolist() == ["E_ratio"]
-    found[0] = ("-", 8.0, ("log", ("-", "E_ratio", 0.001)))  # undefined at E_ratio = 0.001 alone
-    y = Formula(found[0], NAMES)(X.to_numpy())
+    candidates[0] = (
+        "-",
+        8.0,
+        ("log", ("-", "E_ratio", 0.001)),
+    )  # undefined at E_ratio = 0.001 alone
+    y = Formula(candidates[0], NAMES)(X.to_numpy())
     model.fit(X, y)
     assert model.front_["formula"].map(str).tolist() == ["E_ratio"]
     # Rows beyond the space widen the box: undefined between 1400 and 1600.
-    found[0] = ("log", ("*", ("-", "E_ratio", 1400.0), ("-", "E_ratio", 1600.0)))
+    candidates[0] = ("log", ("*", ("-", "E_ratio", 1400.0), ("-", "E_ratio", 1600.0)))
     X.iloc[0, 0] = 2000.0
-    model.fit(X, Formula(found[0], NAMES)(X.to_numpy()))
+    model.fit(X, Formula(candidates[0], NAMES)(X.to_numpy()))
     assert model.front_["formula"].map(str).tolist() == ["E_ratio"]
 
 
@@ -389,7 +393,7 @@ def test_classifier_thresholds_the_formula(short):
     p = model.predict_proba(fresh)
     np.testing.assert_allclose(p.sum(axis=1), 1)
     np.testing.assert_array_equal(p[:, 1] >= 0.5, labels)
-    # Probabilities mean something: among designs given 60–90 %, about that share folds.
+    # Probabilities mean something: among designs given 60–90 %, about that fraction folds.
     unsure = (p[:, 1] > 0.6) & (p[:, 1] < 0.9)
     assert unsure.sum() > 50
     assert abs(truth[unsure].mean() - p[unsure, 1].mean()) < 0.2
