@@ -15,6 +15,7 @@ import numpy as np
 import pandas as pd
 
 from foldlab.errors import InputError
+from foldlab.tables import as_frame
 
 STANDARD_GRAVITY = 9.80665  # m/s²
 # A design written to a file and read back may miss its bound by the last digits.
@@ -142,6 +143,9 @@ class DesignSpace:
         Other columns are left out. Raises :class:`InputError` for an empty table, missing or
         non-numeric columns, NaN or infinite values, and (with ``bounds``) designs outside it.
         """
+        designs = as_frame(designs)
+        if not isinstance(designs, pd.DataFrame):
+            raise InputError(f"designs came as {type(designs).__name__}; give a table with names")
         if len(designs) == 0:
             raise InputError("the table of designs is empty; give at least one row")
         missing = [name for name in self.names if name not in designs.columns]

@@ -21,7 +21,6 @@ from importlib import metadata
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import pandas as pd
 from filelock import FileLock
 
@@ -51,8 +50,8 @@ class Run:
         """Log the finite numbers of a flat mapping; other values are left out."""
         numbers = {
             prefix + _metric_name(name): float(value)
-            for name, value in values.items()
-            if isinstance(value, int | float | np.number | np.bool_) and math.isfinite(value)
+            for name, value in ((name, _scalar(value)) for name, value in values.items())
+            if isinstance(value, int | float) and math.isfinite(value)
         }
         self._mlflow.log_metrics(numbers, step=step)
 
@@ -240,6 +239,11 @@ def commit() -> str:
         ).stdout.strip()
     except (OSError, subprocess.SubprocessError):
         return "unknown"
+
+
+def _scalar(value: Any) -> Any:
+    """The Python number of a NumPy or torch scalar; other values as they are."""
+    return value.item() if getattr(value, "ndim", None) == 0 and hasattr(value, "item") else value
 
 
 def _metric_name(name: str) -> str:

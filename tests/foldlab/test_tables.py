@@ -91,6 +91,8 @@ def test_names_decide_columns_in_any_table(make):
     np.testing.assert_array_equal(groups_array(strange, REDUCED), X.to_numpy())
     with pytest.raises(InputError, match="lacks h_ratio"):
         groups_array(make(X.rename(columns={"h_ratio": "h"})), REDUCED)
+    labels = timoshenko.TimoshenkoSource().evaluate(make(X[TURNED]))
+    np.testing.assert_array_equal(labels["foldable"], timoshenko.folds(**X))
 
 
 def test_models_answer_alike_whatever_the_order_of_the_columns():
@@ -129,6 +131,8 @@ def test_names_that_can_not_be_read_are_an_error_not_a_guess():
     with pytest.raises(InputError, match=r"Lazy can't be read by name .*collect first"):
         groups_array(Lazy(X), REDUCED)
     np.testing.assert_array_equal(groups_array(X.to_numpy(), REDUCED), X)
+    with pytest.raises(InputError, match="came as ndarray; give a table with names"):
+        REDUCED.validate(X.to_numpy())
     with pytest.raises(InputError, match="column E_ratio stands 2 times"):
         groups_array(pd.concat([X, X["E_ratio"]], axis=1), REDUCED)
 

@@ -11,6 +11,7 @@ import mlflow
 import numpy as np
 import pandas as pd
 import pytest
+import torch
 
 from foldlab.design import REDUCED
 from foldlab.errors import InputError
@@ -103,13 +104,21 @@ def test_without_one_it_lies_below_the_working_directory_and_a_failure_is_kept(
 def test_numbers_of_numpy_are_metrics(local):
     values = {
         "f4": np.float32(0.5), "f8": np.float64(1.5), "i8": np.int64(3), "u1": np.uint8(4),
-        "yes": np.bool_(True),
+        "yes": np.bool_(True), "0d": np.array(2.5), "torch": torch.tensor(0.25),
     }  # fmt: skip
     with track("numbers", {}) as run:
         run.metrics({**values, "nan": np.float32("nan"), "array": np.ones(1)})
     (kept,) = runs(local, "numbers")
     kept.data.metrics.pop("seconds")
-    assert kept.data.metrics == {"f4": 0.5, "f8": 1.5, "i8": 3, "u1": 4, "yes": 1}
+    assert kept.data.metrics == {
+        "f4": 0.5,
+        "f8": 1.5,
+        "i8": 3,
+        "u1": 4,
+        "yes": 1,
+        "0d": 2.5,
+        "torch": 0.25,
+    }
 
 
 def test_a_run_of_the_users_own_goes_on_around_it(local, empty, tmp_path, monkeypatch):
