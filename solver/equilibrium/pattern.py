@@ -19,6 +19,7 @@ import scipy.sparse as sp
 from solver.equilibrium import checks
 from solver.equilibrium.linear import Factor, ScaledFactor, make_solver
 from solver.mesh.body import Body, NodeGraph
+from solver.mesh.given import all_of
 from solver.physics.supports import Fixed, Held, Row
 from solver.physics.term import Term
 
@@ -124,10 +125,11 @@ class Frame:
     ):
         """Raises ValueError for supports and rows that contradict or repeat each other, for a body
         that is held all over, and for rows with conjugate gradients."""
+        fixed, rows = all_of("fixed", Fixed, fixed), all_of("rows", Row, rows)
         if linear == "cg" and rows:
             raise ValueError("conjugate gradients can't take constraint rows; use a direct method")
         n = len(body.nodes)
-        self.rows = tuple(rows)
+        self.rows = rows
         self.held = Held(n, fixed)
         if not len(self.held.index):
             raise ValueError("every displacement is prescribed, so there is nothing to solve for")

@@ -12,7 +12,7 @@ Continuation sees x, e and R, and never learns what e drives.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -21,6 +21,7 @@ from solver.equilibrium import checks
 from solver.equilibrium.linear import Factor
 from solver.equilibrium.pattern import Frame
 from solver.mesh.body import Body, NodeGraph
+from solver.mesh.given import number, one_of
 from solver.physics.fields import Unphysical
 from solver.physics.supports import Fixed, Row, rotation_row, translation_row
 from solver.physics.term import Evaluation, Term
@@ -38,6 +39,10 @@ class Scales:
     length: float
     force: float
     energy: float
+
+    def __post_init__(self):
+        for name in ("length", "force", "energy"):
+            number(f"the scale of {name}", getattr(self, name), above=0)
 
 
 class System:
@@ -80,6 +85,21 @@ class System:
         return System(self._scene, self.residual + force, values, total)
 
 
+def _checked(terms: Sequence[Term], body: Body) -> tuple[Term, ...]:
+    """The terms as a tuple; ValueError for what is none, or one of another body."""
+    terms = tuple(terms) if isinstance(terms, Iterable) else (terms,)
+    for term in terms:
+        if not hasattr(term, "evaluate"):
+            raise ValueError(f"the terms hold {term!r:.60}; expected such as Elastic or Gravity")
+        n = len(getattr(term, "body", body).nodes) if term.graph is None else term.graph.n
+        if n != len(body.nodes):
+            raise ValueError(
+                f"the term {term.name!r} acts on a body of {n} nodes, and the scene's has "
+                f"{len(body.nodes)}; make all terms of one body"
+            )
+    return terms
+
+
 class Scene:
     """Terms on the nodes of a body, with prescribed displacements and constraint rows."""
 
@@ -96,10 +116,11 @@ class Scene:
     ):
         """``frame``: instead of ``fixed``, ``rows`` and ``linear``, another scene's.
 
-        Raises ValueError for contradictory supports, or no term with stiffness.
+        Raises ValueError for terms of another body or none with stiffness, and for supports and
+        rows that contradict or repeat each other or leave nothing free.
         """
         self.body = body
-        self.terms = tuple(terms)
+        self.terms = _checked(terms, body)
         if not any(term.graph is not None for term in self.terms):
             raise ValueError("no term has a stiffness; add an Elastic term to the scene")
         self.frame = frame or Frame(body, self.terms, fixed, rows, linear)
@@ -112,6 +133,8 @@ class Scene:
         self.n_rows = len(self.rows)
         self.size = self.n_free + self.n_rows
         self._where = [self.frame.places(term.graph) for term in self.terms]
+        if scales is not None:
+            one_of("scales", Scales, scales, "Scales(length, force, energy)")
         self.scales = scales or Scales(body.length, *self._natural_scales())
 
     def with_terms(self, terms: Sequence[Term]) -> Scene:

@@ -18,6 +18,7 @@ import skfem
 from skfem.quadrature import get_quadrature
 
 from solver.mesh import checks, locking
+from solver.mesh.given import mask, numbers
 
 # name: (scikit-fem element, quadrature order). hex20 is the reduced one, with 2 × 2 × 2 points.
 ELEMENTS = {
@@ -203,7 +204,7 @@ class Body:
             if bent is not None or locking.excess(body) < locking.NEGLIGIBLE:
                 return body
             return cls.build(body.mesh, "hex20", parts=parts)
-        if element not in ELEMENTS:
+        if not isinstance(element, str) or element not in ELEMENTS:
             raise ValueError(f"no element {element!r}; there are: {', '.join(ELEMENTS)}")
         maker, order = ELEMENTS[element]
         if bent is not None and (element != "hex27" or bent not in (0, 1, 2)):
@@ -281,7 +282,7 @@ class Body:
         Raises ValueError for a name that the mesh doesn't have.
         """
         names = self.mesh.subdomains or {}
-        if layer not in names:
+        if not isinstance(layer, str) or layer not in names:
             raise ValueError(f"no sub-domain {layer!r}; there are: {', '.join(names) or 'none'}")
         mask = np.zeros(len(self.cells), bool)
         mask[np.asarray(names[layer])] = True
@@ -292,7 +293,9 @@ class Body:
 
         Raises ValueError for a position outside of the body.
         """
-        points = np.asarray(points, dtype=float)
+        points = numbers("points", points)
+        if points.ndim != 2 or points.shape[1] != 3 or not np.isfinite(points).all():
+            raise ValueError(f"points of shape {points.shape}; expected finite positions (p, 3)")
         # Of straight cells the map to the reference cell is affine. scikit-fem's own search loses
         # points in cells a thousand times longer than thick, and in quadratic meshes.
         corners = np.moveaxis(self.mesh.p[:, self.mesh.t], -1, 0)  # (m, 3, corners)
@@ -326,17 +329,18 @@ class Body:
 
     def _named(self, boundary: str) -> np.ndarray:
         names = self.mesh.boundaries or {}
-        if boundary not in names:
+        if not isinstance(boundary, str) or boundary not in names:
             raise ValueError(f"no boundary {boundary!r}; there are: {', '.join(names) or 'none'}")
         return np.asarray(names[boundary])
 
     def nodes_where(self, test: Callable[[np.ndarray], np.ndarray]) -> np.ndarray:
         """Nodes whose position satisfies ``test(X)``, X (n, 3)."""
-        return np.flatnonzero(test(self.nodes))
+        return np.flatnonzero(mask("the test of the nodes", test(self.nodes), len(self.nodes)))
 
     def cells_where(self, test: Callable[[np.ndarray], np.ndarray]) -> np.ndarray:
         """Mask (m,) of the cells whose centre satisfies ``test(X)``, X (m, 3)."""
-        return np.asarray(test(self.mesh.p[:, self.mesh.t].mean(axis=1).T), dtype=bool)
+        centres = self.mesh.p[:, self.mesh.t].mean(axis=1).T
+        return mask("the test of the cells", test(centres), len(centres))
 
     def surface(self, facets: str | Callable[[np.ndarray], np.ndarray] | np.ndarray) -> Surface:
         """Boundary facets by name, by a test of their centres X (n, 3), or by scikit-fem index.
@@ -349,9 +353,17 @@ class Body:
         elif callable(facets):
             boundary = mesh.boundary_facets()
             centres = mesh.p[:, mesh.facets[:, boundary]].mean(axis=1).T
-            chosen = boundary[np.asarray(facets(centres), dtype=bool)]
+            chosen = boundary[mask("the test of the facets", facets(centres), len(boundary))]
         else:
-            chosen = np.asarray(facets)
+            numbers("facets", facets)
+            chosen = np.atleast_1d(facets)
+            n = mesh.nfacets
+            ok = chosen.ndim == 1 and chosen.dtype.kind in "iu"
+            if chosen.size and not (ok and chosen.min() >= 0 and chosen.max() < n):
+                raise ValueError(
+                    f"facets of shape {chosen.shape} and type {chosen.dtype}; expected a name, a "
+                    f"test of their centres, or numbers from 0 to {n - 1}"
+                )
         if not len(chosen):
             raise ValueError("no facet was chosen; check the name or the test of the centres")
         maker, _ = ELEMENTS[self.element]

@@ -1,6 +1,8 @@
-"""What a caller gives, as arrays: numbers, and numbers of nodes."""
+"""What a caller gives, as arrays: numbers, and numbers of nodes. All raise ValueError else."""
 
 from __future__ import annotations
+
+from collections.abc import Iterable
 
 import numpy as np
 
@@ -11,6 +13,59 @@ def numbers(name: str, value) -> np.ndarray:
         return np.asarray(value, dtype=float)
     except (TypeError, ValueError):
         raise ValueError(f"{name} is {value!r:.60}; expected numbers") from None
+
+
+def number(name: str, value, above: float = -np.inf) -> float:
+    """One finite number, greater than ``above``."""
+    given = numbers(name, value)
+    if given.shape or not np.isfinite(given) or not given > above:
+        beyond = "" if above == -np.inf else f" > {above:g}"
+        raise ValueError(f"{name} = {value!r:.60}; expected one finite number{beyond}")
+    return float(given)
+
+
+def vector(name: str, value) -> np.ndarray:
+    """Three finite numbers, (3,)."""
+    given = numbers(name, value)
+    if given.shape != (3,) or not np.isfinite(given).all():
+        raise ValueError(f"{name} = {value!r:.60}; expected three finite numbers")
+    return given
+
+
+def axis_number(axis) -> int:
+    """0, 1 or 2 for x, y or z."""
+    if isinstance(axis, bool) or not isinstance(axis, int | np.integer) or axis not in (0, 1, 2):
+        raise ValueError(f"axis = {axis!r:.60}; expected 0, 1 or 2 for x, y or z")
+    return int(axis)
+
+
+def mask(name: str, value, n: int) -> np.ndarray:
+    """A mask (n,) of booleans."""
+    if numbers(name, value).shape != (n,) or np.asarray(value).dtype != bool:
+        given = np.asarray(value)
+        raise ValueError(
+            f"{name} gave shape {given.shape} and type {given.dtype}; expected a mask ({n},) of "
+            "booleans: one per position, X[:, 0] is x"
+        )
+    return np.asarray(value)
+
+
+def all_of(name: str, kind: type, values) -> tuple:
+    """The members of a list, each of one kind."""
+    members = tuple(values) if isinstance(values, Iterable) else (values,)
+    if not isinstance(values, Iterable) or not all(isinstance(v, kind) for v in members):
+        wrong = next((v for v in members if not isinstance(v, kind)), values)
+        raise ValueError(f"{name} holds {wrong!r:.60}; expected a list of {kind.__name__}")
+    return members
+
+
+def one_of(name: str, kind: type, value, maker: str):
+    """An object of one kind, made by ``maker``."""
+    if not isinstance(value, kind):
+        raise ValueError(
+            f"{name} is {value!r:.60}; expected a {kind.__name__}, which {maker} gives"
+        )
+    return value
 
 
 def node_numbers(nodes, n: int) -> np.ndarray:

@@ -22,6 +22,7 @@ from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
 from solver.mesh.checks import TOUCH, facets
+from solver.mesh.given import mask
 
 Test = Callable[[np.ndarray], np.ndarray]
 
@@ -252,13 +253,7 @@ def _axis(name: str, values: Sequence[float]) -> np.ndarray:
 
 
 def _test(name: str, test: Test, X: np.ndarray) -> np.ndarray:
-    mask = np.asarray(test(X))
-    if mask.shape != (len(X),) or mask.dtype != bool:
-        raise ValueError(
-            f"{name} gave shape {mask.shape} and type {mask.dtype}; expected a mask ({len(X)},) "
-            "of booleans: one per centre, X[:, 0] is x"
-        )
-    return mask
+    return mask(name, test(X), len(X))
 
 
 def _chosen(name: str, mask: np.ndarray) -> np.ndarray:

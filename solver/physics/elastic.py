@@ -11,6 +11,7 @@ import warnings
 import numpy as np
 
 from solver.mesh.body import Body
+from solver.mesh.given import numbers, one_of
 from solver.mesh.locking import of_material
 from solver.physics.fields import resolve
 from solver.physics.growth import Growth
@@ -55,6 +56,7 @@ class Elastic:
         """
         m, q = body.weights.shape
         if cells is not None:
+            numbers("cells", cells)
             cells = np.asarray(cells)
             if cells.shape != (m,) or cells.dtype != bool:
                 raise ValueError(
@@ -63,6 +65,10 @@ class Elastic:
                 )
             if not cells.any():
                 raise ValueError("no cell was chosen; leave the term out or check the mask")
+        if not hasattr(material, "properties"):
+            raise ValueError(f"the material is {material!r:.60}; expected one such as NeoHookean")
+        if growth is not None:
+            one_of("growth", Growth, growth, "such as Isotropic")
         self.name = name
         self.body, self.material, self.growth = body, material, growth
         self.graph = body.graph

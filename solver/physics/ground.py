@@ -11,6 +11,7 @@ import numba
 import numpy as np
 
 from solver.mesh.body import Body, NodeGraph, Surface
+from solver.mesh.given import axis_number, number, one_of
 from solver.physics.term import Evaluation
 
 # Weights of positive rules on the nodes and, last, the centre of a facet whose own nodes would get
@@ -62,8 +63,9 @@ class Ground:
         """Raises ValueError unless thickness, pressure, depth and reach are positive."""
         given = {"thickness": thickness, "pressure": pressure, "depth": depth, "reach": reach}
         for key, value in given.items():
-            if not (np.isfinite(value) and value > 0):
-                raise ValueError(f"{key} = {value:g}; expected a positive {key} for the ground")
+            number(f"the ground's {key}", value, above=0)
+        height, axis = number("the ground's height", height), axis_number(axis)
+        one_of("the ground's surface", Surface, surface, "Body.surface")
         self.name = name
         self.body, self.height, self.thickness = body, height, thickness
         self.axis = axis
@@ -164,8 +166,8 @@ class GroundExponential:
     ):
         """Raises ValueError unless length and modulus are positive."""
         for key, value in {"length": length, "modulus": modulus}.items():
-            if not (np.isfinite(value) and value > 0):
-                raise ValueError(f"{key} = {value:g}; expected a positive {key} for the ground")
+            number(f"the ground's {key}", value, above=0)
+        height = number("the ground's height", height)
         self.name = name
         self.body, self.height = body, height
         self.a, self.b = 1000.0 / length, 1e-3 * modulus

@@ -7,10 +7,11 @@ A body that doesn't grow has no growth object.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 
 import numpy as np
 
+from solver.mesh.given import numbers
 from solver.physics.fields import Points, Quantity, Unphysical, resolve, takes_position, unit
 
 
@@ -22,6 +23,8 @@ class Growth:
     """
 
     def __init__(self, cells: np.ndarray | None = None):
+        if cells is not None:
+            numbers("the growth's cells", cells)
         self.cells = None if cells is None else np.asarray(cells)
 
     def tensor(self, e: float, shape: tuple[int, int], points: Points | None = None) -> np.ndarray:
@@ -92,7 +95,7 @@ class Orthotropic(Growth):
         cells: np.ndarray | None = None,
     ):
         super().__init__(cells)
-        self.g = tuple(g)
+        self.g = tuple(g) if isinstance(g, Iterable) else (g,)
         if len(self.g) != 3:
             raise ValueError(f"{len(self.g)} growth strains; expected three, one per direction")
         self.frame = np.eye(3) if frame is None else frame

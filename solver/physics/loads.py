@@ -9,7 +9,7 @@ import numpy as np
 import scipy.sparse as sp
 
 from solver.mesh.body import Body, NodeGraph, Surface
-from solver.mesh.given import node_numbers
+from solver.mesh.given import node_numbers, numbers
 from solver.mesh.lines import Line, refuse_region
 from solver.physics.fields import Quantity, Unphysical, resolve, varies
 from solver.physics.term import Evaluation
@@ -43,7 +43,7 @@ class Gravity:
                     "to pull the other way"
                 )
             self._memo = (e, self.body.node_volumes(rho))
-        g = np.asarray(self.g(e) if callable(self.g) else self.g, dtype=float)
+        g = numbers("g", self.g(e) if callable(self.g) else self.g)
         if g.shape not in ((), (3,)) or not np.isfinite(g).all():
             raise ValueError(f"g = {g}; expected a magnitude along -z or a vector of three")
         return self._memo[1][:, None] * (g if g.ndim else np.array([0.0, 0.0, -g]))

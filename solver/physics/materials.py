@@ -14,6 +14,7 @@ from math import exp, isfinite, log
 import numba
 import numpy as np
 
+from solver.mesh.given import all_of, number, numbers
 from solver.physics.fields import Points, Quantity, Unphysical, resolve, unit, varies
 
 
@@ -36,9 +37,9 @@ class Material:
 
     def __init__(self, E: Quantity, nu: Quantity):
         self.E, self.nu = E, nu
-        for value, check in ((E, _check_modulus), (nu, _check_ratio)):
+        for name, value, check in (("E", E, _check_modulus), ("nu", nu, _check_ratio)):
             if not varies(value):
-                check(np.asarray(value, dtype=float))
+                check(numbers(name, value))
 
     @property
     def moving(self) -> bool:
@@ -322,14 +323,14 @@ class FibreReinforced(Material):
 
     def __init__(self, E: Quantity, nu: Quantity, fibres: Sequence[Fibre]):
         super().__init__(E, nu)
-        self.fibres = tuple(fibres)
+        self.fibres = all_of("fibres", Fibre, fibres)
         if not self.fibres:
             raise ValueError("no fibre family; give at least one Fibre or take NeoHookean")
         for f in self.fibres:
-            if not (f.k2 >= 0 and np.isfinite(f.k2)):
+            if number("k2", f.k2) < 0:
                 raise ValueError(f"k2 = {f.k2:g}; expected k2 >= 0 (0: no hardening)")
             if not varies(f.k1):
-                _check_fibre(np.asarray(f.k1, dtype=float))
+                _check_fibre(numbers("k1", f.k1))
 
     @property
     def moving(self) -> bool:

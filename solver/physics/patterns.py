@@ -14,6 +14,8 @@ import numpy as np
 from scipy.interpolate import LinearNDInterpolator
 from scipy.spatial import QhullError, cKDTree
 
+from solver.mesh.given import number, numbers
+
 
 class Pattern:
     """A scalar field interpolated linearly from a file, in the units of the mesh it is for.
@@ -28,7 +30,7 @@ class Pattern:
     def __init__(self, points: np.ndarray, values: np.ndarray, *, name: str = "field", reach=None):
         """Raises ValueError for fewer than four points, points in one plane, and values that are
         not finite."""
-        points, values = np.asarray(points, dtype=float), np.asarray(values, dtype=float)
+        points, values = numbers(f"{name}: points", points), numbers(f"{name}: values", values)
         if points.ndim != 2 or points.shape[1] != 3 or values.shape != (len(points),):
             raise ValueError(
                 f"{name}: points {points.shape} and values {values.shape}; expected (n, 3) and (n,)"
@@ -41,6 +43,8 @@ class Pattern:
             raise ValueError(f"{name} has {len(points)} points; expected at least four")
         self.name, self.values = name, values
         self._tree = cKDTree(points)
+        if reach is not None:
+            number(f"{name}: reach", reach, above=0)
         self.reach = reach or 2 * float(np.median(self._tree.query(points, k=2)[0][:, 1]))
         try:
             self._linear = LinearNDInterpolator(points, values)

@@ -15,7 +15,7 @@ import numba
 import numpy as np
 
 from solver.mesh.body import Body, NodeGraph, Surface
-from solver.mesh.given import node_numbers
+from solver.mesh.given import all_of, node_numbers, one_of, vector
 from solver.physics.fields import Quantity, resolve
 from solver.physics.supports import Fixed
 from solver.physics.term import Evaluation
@@ -115,14 +115,16 @@ class Pressure:
         origin: Sequence[float] = (0.0, 0.0, 0.0),
         name: str = "pressure",
     ):
-        if potential not in (None, "volume"):
+        one_of("the pressure's surface", Surface, surface, "Body.surface")
+        fixed = all_of("fixed", Fixed, fixed)
+        if potential is not None and (not isinstance(potential, str) or potential != "volume"):
             raise ValueError(f"no potential {potential!r}; there are: None, 'volume'")
         self.name = name
         self.body, self.surface, self.p = body, surface, p
         self.symmetric = potential == "volume"
         self.graph = NodeGraph.of(len(body.nodes), surface.nodes)
         self._positions = self.graph.positions(surface.nodes)
-        self._X = np.ascontiguousarray(body.nodes - np.asarray(origin, dtype=float))
+        self._X = np.ascontiguousarray(body.nodes - vector("origin", origin))
         self._pressure(0.0)
         if self.symmetric:
             self._verify(fixed)

@@ -9,6 +9,7 @@ from __future__ import annotations
 import numba
 import numpy as np
 
+from solver.mesh.given import numbers
 from solver.physics.fields import Points, Quantity, Unphysical, resolve, varies
 from solver.physics.materials import Material, _check_ratio, _inverse, neo_hookean
 
@@ -73,7 +74,7 @@ class MooneyRivlin(Material):
     def __init__(self, c10: Quantity, c01: Quantity, nu: Quantity):
         self.c10, self.c01, self.nu = c10, c01, nu
         if not self.moving:
-            _moduli(*(np.asarray(v, dtype=float) for v in (c10, c01, nu)))
+            _moduli(*(numbers(n, v) for n, v in (("c10", c10), ("c01", c01), ("nu", nu))))
 
     @property
     def moving(self) -> bool:

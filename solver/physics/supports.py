@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from solver.mesh.body import Body
-from solver.mesh.given import node_numbers, numbers
+from solver.mesh.given import axis_number, node_numbers, numbers
 
 Value = float | np.ndarray | Callable[[float], float | np.ndarray]
 
@@ -184,7 +184,7 @@ def translation_row(body: Body, axis: int) -> Row:
     """No mean displacement along an axis: ∫ u_k dV / V = 0 (Eq. 2.13)."""
     volume = body.node_volumes()
     c = np.zeros((len(volume), 3))
-    c[:, axis] = volume / volume.sum()
+    c[:, axis_number(axis)] = volume / volume.sum()
     return Row(c, name=f"translation {'xyz'[axis]}")
 
 
@@ -197,6 +197,13 @@ def rotation_row(
     state, from the centroid of the whole that ``mirrors`` make of the body: the arms of the flat
     sheet see no rotation of a unit whose panels point back.
     """
+    axis_number(axis)
+    if any(m not in ("x", "y") for m in mirrors):
+        raise ValueError(f"mirrors {mirrors!r}; expected some of 'x' and 'y'")
+    if u is not None:
+        u = numbers("u", u)
+        if u.shape != body.nodes.shape or not np.isfinite(u).all():
+            raise ValueError(f"u has shape {u.shape}; expected finite numbers {body.nodes.shape}")
     volume = body.node_volumes()
     arm = body.nodes if u is None else body.nodes + u
     centre = volume @ arm / volume.sum()

@@ -406,9 +406,15 @@ SOLID = NeoHookean(E, NU)
             lambda: Pressure(BODY, box_surface(BODY), lambda e, X: X[..., 0], potential="volume"),
             "expected one number",
         ),
-        (lambda: Ground(BODY, SIDE, thickness=0, pressure=1.0), "positive thickness"),
-        (lambda: Ground(BODY, SIDE, thickness=1.0, pressure=-1.0), "positive pressure"),
-        (lambda: GroundExponential(BODY, length=1.0, modulus=0.0), "positive modulus"),
+        (
+            lambda: Ground(BODY, SIDE, thickness=0, pressure=1.0),
+            "thickness = 0; expected one finite number > 0",
+        ),
+        (
+            lambda: Ground(BODY, SIDE, thickness=1.0, pressure=-1.0),
+            r"pressure = -1\.0; expected one",
+        ),
+        (lambda: GroundExponential(BODY, length=1.0, modulus=0.0), r"modulus = 0\.0; expected one"),
         (lambda: resolve("g", lambda e, X: X, 0.0, (1, 1)), "positions are not known"),
     ],
 )
