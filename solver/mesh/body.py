@@ -216,6 +216,7 @@ class Body:
         points = np.hstack([rule[0], maker().doflocs.T])
         scaled = checks.determinants(mesh, points)[1]
         checks.refuse_cells(mesh, scaled)
+        checks.refuse_distance(mesh)
         table = checks.facets(mesh)
         checks.refuse_folds(mesh, table, checks.orientation(scaled))
         if not parts:
@@ -368,11 +369,23 @@ class Body:
             raise ValueError("no facet was chosen; check the name or the test of the centres")
         maker, _ = ELEMENTS[self.element]
         order = SURFACE_ORDER[self.element]
-        mapping = mesh.mapping()
+        # Nothing here depends on where the body is, and far from the origin roundoff is large.
+        centre = mesh.doflocs.mean(axis=1, keepdims=True)
+        near = replace(mesh, doflocs=mesh.doflocs - centre)
+        near._facets, near._t2f, near._f2t = mesh.facets, mesh.t2f, mesh.f2t
+        mapping = near.mapping()
         if hasattr(mapping, "J"):
-            # In cells thinner than 1e-4 of their distance from the origin roundoff is above 1e-12.
+            # In cells thinner than 1e-4 of their distance from the centre roundoff is above 1e-12.
             mapping.invF = partial(mapping.invF, newton_tol=1e-9)
-        basis = skfem.FacetBasis(mesh, maker(), mapping, facets=chosen, intorder=order)
+        try:
+            basis = skfem.FacetBasis(near, maker(), mapping, facets=chosen, intorder=order)
+        except Exception as error:
+            if "Newton iteration" not in str(error):
+                raise
+            raise ValueError(
+                "the cells at the facets are too thin, too distorted or too far from the rest of "
+                "the body for double precision; mend the mesh, or take larger cells"
+            ) from None
         value = np.stack([np.asarray(basis.basis[a][0]) for a in range(basis.Nbfun)], -1)
         grad = np.stack([np.asarray(basis.basis[a][0].grad) for a in range(basis.Nbfun)], -1)
         # Only the shapes that live on the facet: the others vanish there.

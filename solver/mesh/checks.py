@@ -20,6 +20,8 @@ from scipy.spatial import cKDTree
 FLAT = 1e-12
 # Nodes closer than this fraction of the mesh's extent coincide.
 TOUCH = 1e-7
+# Roundoff of positions over the shortest edge above which results are off by more than 1e-4.
+ROUNDOFF = 1e-9
 CHUNK = 4096
 
 
@@ -158,6 +160,20 @@ def refuse_nodes(mesh: skfem.Mesh) -> None:
         raise ValueError(
             f"{len(idle)} nodes belong to no cell, the first near "
             f"{point_text(mesh.p[:, idle[0]])}; remove them from the mesh"
+        )
+
+
+def refuse_distance(mesh: skfem.Mesh) -> None:
+    """Raises ValueError for a mesh so far from the origin that roundoff shapes its cells."""
+    ends = mesh.elem.refdom.edges
+    shortest = min(
+        np.linalg.norm(mesh.p[:, mesh.t[a]] - mesh.p[:, mesh.t[b]], axis=0).min() for a, b in ends
+    )
+    far = np.abs(mesh.p).max()
+    if np.finfo(float).eps * far > ROUNDOFF * shortest:
+        raise ValueError(
+            f"the mesh reaches {far:.3g} from the origin and its shortest edge is {shortest:.3g}: "
+            "its positions are roundoff; move it to the origin"
         )
 
 

@@ -174,3 +174,35 @@ def test_curved_geometry_is_no_richer_than_the_element(element):
 def test_elements_that_do_not_fit_the_cells_are_refused(element, mesh, message):
     with pytest.raises(ValueError, match=message):
         Body.build(mesh, element)
+
+
+@pytest.mark.parametrize("element, kind", [("hex27", skfem.MeshHex2), ("tet10", skfem.MeshTet2)])
+def test_a_body_far_from_the_origin_is_the_same_body_or_refused(element, kind):
+    straight = skfem.MeshHex1 if element == "hex27" else skfem.MeshTet1
+    mesh = kind.from_mesh(straight.init_tensor(*(np.linspace(0, s, 3) for s in (1, 2, 0.1))))
+
+    def top(far):
+        body = Body.build(mesh.translated((far, -far, 0)), element)
+        return body, body.surface(lambda X: X[:, 2] > 0.1 - 1e-6)
+
+    near, face = top(0.0)
+    for far in (1e6, 1e8):
+        body, other = top(far)
+        slack = 1e-14 * far
+        np.testing.assert_allclose(body.weights, near.weights, rtol=slack)
+        np.testing.assert_allclose(other.weights, face.weights, rtol=slack)
+        np.testing.assert_allclose(other.normals, face.normals, atol=slack)
+        np.testing.assert_allclose(other.shapes, face.shapes, atol=slack)
+        np.testing.assert_allclose(other.tangents, face.tangents, atol=slack * 10)
+        assert (other.nodes == face.nodes).all()
+    with pytest.raises(ValueError, match=r"reaches 1e\+12 from the origin .* move it"):
+        top(1e12)
+
+
+def test_facets_whose_cells_are_roundoff_are_refused_in_words():
+    lines = (np.array([0, 1, 1 + 1e-10]), np.array([0.0, 1.0]), np.array([0.0, 1.0]))
+    mesh = skfem.MeshHex1.init_tensor(*lines)
+    bent = mesh.doflocs + 1e-11 * np.random.default_rng(0).normal(size=mesh.doflocs.shape)
+    body = Body.build(skfem.MeshHex1(bent, mesh.t), "hex8", parts=True)
+    with pytest.raises(ValueError, match="too thin, too distorted"):
+        body.surface(lambda X: X[:, 1] > 0.5)
