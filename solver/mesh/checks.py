@@ -21,7 +21,7 @@ FLAT = 1e-12
 # Nodes closer than this fraction of the mesh's extent coincide.
 TOUCH = 1e-7
 # Roundoff of positions over the shortest edge above which results are off by more than 1e-4.
-ROUNDOFF = 1e-9
+ROUNDOFF = 1e-5
 CHUNK = 4096
 
 
