@@ -193,7 +193,9 @@ FILES = {
     "appended.vtu": VTU,
 }
 # Damage that may be where nobody looks, or be the same to a reader.
-RANDOM = (damage.flipped, damage.cut, damage.strange_bytes, damage.vtu_changed)
+RANDOM = (
+    damage.flipped, damage.cut, damage.strange_bytes, damage.vtu_changed, damage.card_changed,
+)  # fmt: skip
 
 
 @dataclass(frozen=True)

@@ -1,0 +1,74 @@
+"""The judge of wrong inputs sees each kind of fault; a run goes on where it was cut off."""
+
+import json
+import sys
+from pathlib import Path
+
+import pytest
+
+from experiments import wrong_inputs
+from experiments._wrong_inputs import cases, judge
+
+CLEAR = "error: no file none.csv; give an existing table"
+
+
+def refuse(*lines, status=2, write=None):
+    def main():
+        if write:
+            Path(write).write_text("half")
+        print("\n".join(lines), file=sys.stderr)
+        sys.exit(status)
+
+    return main
+
+
+def fail():
+    raise KeyError("h_ratio")
+
+
+ENDINGS = {
+    judge.REFUSED: refuse("warning: thick", CLEAR),
+    judge.ACCEPTED: refuse(status=0),
+    judge.TRACEBACK: fail,
+    judge.LEFT_OVER: refuse(CLEAR, write="o.csv"),
+}
+UNCLEAR = {
+    "nothing": refuse(),
+    "two sentences": refuse(CLEAR, CLEAR),
+    "a second line": refuse(CLEAR, "  in row 3"),
+    "no sentence": refuse("error: 3"),
+    "an address": refuse("error: no table in <object at 0x7f>"),
+    "another status": refuse("not reached: the error is not known", status=3),
+}
+
+
+@pytest.mark.parametrize(
+    ("ending", "main"),
+    [*ENDINGS.items(), *((judge.UNCLEAR, main) for main in UNCLEAR.values())],
+    ids=[*ENDINGS, *UNCLEAR],
+)
+def test_each_ending_is_called_by_its_name(ending, main, tmp_path, monkeypatch):
+    case = cases.Case("sample", "option", "-n 'much'", ("sample", "-n", "much"))
+    monkeypatch.setattr(cases, "make", lambda *given: case)
+    monkeypatch.setattr(judge.app, "main", main)
+    row = judge.attempt(0, 7, tmp_path, tmp_path / "case", {})
+    assert (row["case"], row["ending"]) == (7, ending)
+
+
+@pytest.mark.parametrize(("answer", "ending"), [("1", judge.HARMLESS), ("2", judge.ACCEPTED)])
+def test_random_damage_is_harmless_where_the_answer_is_the_same(
+    answer, ending, tmp_path, monkeypatch
+):
+    case = cases.Case("score", "file", "l.csv flipped", ("score", "m", "l.csv"), random=True)
+    monkeypatch.setattr(cases, "make", lambda *given: case)
+    text = f'{{"n": {answer}, "train_seconds": 0.5}}'
+    monkeypatch.setattr(judge.app, "main", lambda: print(text))
+    right = {"score": judge.CHANGING.sub("", '{"n": 1, "train_seconds": 0.1}\n')}
+    assert judge.attempt(0, 7, tmp_path, tmp_path / "case", right)["ending"] == ending
+
+
+def test_a_line_that_was_cut_off_is_tried_again(tmp_path):
+    path = tmp_path / "seed_0.jsonl"
+    path.write_text(json.dumps({"case": 0}) + "\n" + json.dumps({"case": 1}))
+    assert wrong_inputs._known(path) == {0: {"case": 0}}
+    assert path.read_text().count("\n") == 1
