@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from solver.cases.unit import rod_kernel as kernel
-from solver.cases.unit.rod import Ending, bend, ends
+from solver.cases.unit.rod import Ending, _parts, bend, ends
 from solver.cases.unit.section import natural
 from solver.cases.unit.unit import Unit
 
@@ -182,6 +182,31 @@ def test_weight_holds_a_unit_down_and_lets_it_lift():
     # Weight holds down what lies, and turns over what stands beyond upright.
     assert heavy.angle < heavy.natural and light.angle > light.natural > np.pi
     assert heavy.error > light.error
+
+
+def test_a_heavy_unit_with_a_soft_thick_layer_bends_as_the_solid_does():
+    """Its active layer ends early: the hinge is weak there, and would turn by 1.48 rad if not."""
+    unit = Unit(
+        E_ratio=3.823e-3, rho_ratio=0.5489, hinge_length=0.291, hinge_width=0.4585, h_ratio=6.111,
+        stiffness_to_weight=0.09009, aspect=0.1466, slenderness=3.514e-3, contraction=0.1921,
+    )  # fmt: skip
+    assert bend(unit).hinge == pytest.approx(1.114, rel=0.05)  # a label of the solver, ± 4 %
+
+
+def test_the_nodes_bear_the_units_weight():
+    unit = replace(TABLE_4_1, hinge_width=0.5, rho_ratio=2.0, stiffness_to_weight=0.3)
+    lengths = np.repeat([0.1 / 6, 0.4 / 8], [6, 8])
+    _, nodes, ground = _parts(unit, True, lengths, 6)
+    # Half of the panels and of the hinge, whose active layer is five times as thick, in h_s² b_s/Γ.
+    weight = 0.4 + 0.1 * 0.5 * (1 + 2.0 * 5.0)
+    assert nodes[:, kernel.WEIGHT].sum() == pytest.approx(weight / 0.3)
+    assert nodes[:, kernel.AREA].sum() == pytest.approx(0.4 + 0.1 * 0.5)
+    # The active layer's centre lies (h_i + h_s)/2 above the sheet's middle.
+    lever = (5 + 1) / 2 * unit.slenderness
+    assert nodes[:, kernel.OFFSET].sum() == pytest.approx(0.1 * 0.5 * 10.0 * lever / 0.3)
+    assert ground[kernel.DEPTH] == pytest.approx(0.1 * unit.slenderness)
+    _, weightless, free = _parts(unit, False, lengths, 6)
+    assert not weightless.any() and free[kernel.KAPPA] == 0
 
 
 def test_a_rod_refuses_what_it_does_not_know():
