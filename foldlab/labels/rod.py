@@ -2,7 +2,8 @@
 
 Thousands of labels a second, see :mod:`solver.cases.unit.rod` for what the rod is. It judges F1 of
 Eq. 4.21 alone: curling and warping across the hinge are not seen by it (of 4 644 uniaxial labels of
-the solver, one failed by them alone).
+the solver, one failed by them alone). Isotropic contraction curls first what a rod would fold: it
+would be right on 72 of 104 such labels, and is refused.
 """
 
 from __future__ import annotations
