@@ -31,7 +31,9 @@ from foldlab.unit.record import (
 )
 
 if TYPE_CHECKING:
+    from foldlab.labels.foldability import Thresholds
     from foldlab.labels.solver import SolverSource
+    from foldlab.labels.strength import Strengths
 
 
 @dataclass(frozen=True)
@@ -61,16 +63,56 @@ class Solving:
         int, typer.Option(min=0, help="Active strips side by side; 0: a solid layer.")
     ] = 0
     barrier: Annotated[str, typer.Option(help="Ground: surface or exponential.")] = "surface"
+    need: Annotated[
+        float | None,
+        typer.Option(
+            help="Angle in rad that counts as folded; by default π times the contraction."
+        ),
+    ] = None
 
-    def source(self) -> SolverSource:
-        """The label source that solves so."""
+    def source(self, strengths: Strengths) -> SolverSource:
+        """The label source that solves so, and tells what breaks."""
         from foldlab.labels.asked import Conditions, Effort
+        from foldlab.labels.foldability import Thresholds
         from foldlab.labels.solver import SolverSource
 
         conditions = Conditions(
             self.effects, self.growth, not self.free, self.strips, barrier=self.barrier
         )
-        return SolverSource(conditions, Effort(self.accuracy, self.timeout), self.question)
+        effort, thresholds = Effort(self.accuracy, self.timeout), Thresholds(need=self.need)
+        return SolverSource(
+            conditions, effort, self.question, thresholds=thresholds, strengths=strengths
+        )
+
+
+@dataclass(frozen=True)
+class Borne:
+    """What the materials bear, strains as fractions and stresses over E_s."""
+
+    passive_strain: Annotated[
+        float | None, typer.Option(help="Strain at which the passive layer breaks, such as 0.05.")
+    ] = None
+    active_strain: Annotated[
+        float | None, typer.Option(help="Elastic strain at which the active layer breaks.")
+    ] = None
+    passive_stress: Annotated[
+        float | None, typer.Option(help="Strength of the passive layer over E_s.")
+    ] = None
+    active_stress: Annotated[
+        float | None, typer.Option(help="Strength of the active layer over E_s.")
+    ] = None
+    opening: Annotated[
+        float | None, typer.Option(help="Pull over E_s at which the layers come apart.")
+    ] = None
+    shear: Annotated[
+        float | None, typer.Option(help="Shear over E_s at which the layers come apart.")
+    ] = None
+
+    def strengths(self) -> Strengths:
+        """The same as the label source takes it."""
+        from foldlab.labels.strength import Strengths
+
+        return Strengths(**vars(self))
 
 
 @dataclass(frozen=True)
@@ -97,6 +139,7 @@ def simulate(
     *,
     given: Given,
     solving: Solving,
+    borne: Borne,
     asked: Asked,
     out: Annotated[Path, typer.Option("-o", "--out", help="Folder for results.")] = (
         Path("out/simulate")
@@ -113,7 +156,7 @@ def simulate(
     from foldlab.labels.forecast import forecast
 
     groups = numbers(given.read())
-    source = solving.source()
+    source = solving.source(borne.strengths())
     design = complete(groups, heavy=source.conditions.heavy)
     source.unit(design)
     if thick_hinge(design):
@@ -147,7 +190,7 @@ def simulate(
     if as_json:
         emit(result, True)
     else:
-        emit(readable(result), False, rows(result))
+        emit(readable(result), False, rows(result, source.thresholds))
         if asked.why:
             _say_why(result["why"])
     if label.foldable is None:
@@ -177,13 +220,11 @@ def _say_why(why: Mapping[str, Any]) -> None:
         print(f"- {sentence}")
 
 
-def rows(result: Mapping[str, Any]) -> list[dict]:
+def rows(result: Mapping[str, Any], t: Thresholds) -> list[dict]:
     """The measures against what counts as folded, for the eye."""
     if result["measures"] is None:
         return []
-    from foldlab.labels.foldability import Thresholds
-
-    t, g = Thresholds(), result["design"]["contraction"]
+    g = result["design"]["contraction"]
     limits = [f"> {t.angle(g):.3g} rad", f"< {t.most_across(g):.3g} rad"]
     limits += [f"1 ± {t.parallel:g}"] * 2
     says = (
@@ -207,7 +248,16 @@ def readable(result: Mapping[str, Any]) -> dict[str, Any]:
     """The summary with lists as text, and without what the table of measures shows."""
     events = [f"{e['kind']} at {100 * e['contraction']:.3g} %" for e in result["events"]]
     lists = {"events": events, "effects": result["effects"], "files": result["files"]}
-    return {**result, **{name: ", ".join(items) or "none" for name, items in lists.items()}}
+    out = {**result, **{name: ", ".join(items) or "none" for name, items in lists.items()}}
+    # Peaks in a line each, with their errors.
+    peaks, errors = ("strain", "stress", "interface"), out.pop("peak_errors") or {}
+    for name in peaks:
+        if out[name] is not None:
+            out[name] = ", ".join(
+                f"{part} {value:.3g}" + (f" ± {100 * errors[name][part]:.2g} %" if errors else "")
+                for part, value in out[name].items()
+            )
+    return out
 
 
 def _note(text: str) -> None:

@@ -11,6 +11,10 @@ rad.
     m3, m4  means of t₁·t₃ and t₁·t₄ over the length (4.20), t the unit tangents
     F1  m1 > α₁, α₁ = |g| π (4.21)      F2  m2 < α₁/2 (4.22)
     F3, F4  |m3 − 1|, |m4 − 1| < 0.1 (4.23, 4.24)       folded: all four
+
+α₁ may be given in rad instead (``need``). A layer much stiffer than the sheet hardly bends, and yet
+its two ends turn the sheet by up to 3.4 rad per unit of contraction, more than |g| π asks for; so
+the turning by the hinge and that by its ends are told apart.
 """
 
 from __future__ import annotations
@@ -31,30 +35,45 @@ TOUCHING = 0.1
 
 @dataclass(frozen=True)
 class Measures:
-    """m1 … m4 of one state, and the part of m1 that turns within the hinge."""
+    """m1 … m4 of one state, and the part of m1 that turns within the hinge.
+
+    ``turning_hinge``: what the curvature inside the hinge makes over its whole length;
+    ``turning_ends``: what the ends of the active layer add to it (or take from it).
+    """
 
     m1: float
     m2: float
     m3: float
     m4: float
     hinge: float
+    turning_hinge: float
+    turning_ends: float
 
 
 @dataclass(frozen=True)
 class Thresholds:
     """``turning``: α₁ over |g|; ``across``: α₂ over α₁; ``parallel``: of |m3 − 1| and |m4 − 1|.
 
-    ``full_turn``: rad along the sheet at which a path is closed, and half of it across the hinge:
-    beyond, a unit would pass through itself.
+    ``need``: α₁ in rad where it isn't to depend on the contraction. ``full_turn``: rad along the
+    sheet at which a path is closed, and half of it across the hinge: beyond, a unit would pass
+    through itself. Raises :class:`InputError` for values that are not above 0.
     """
 
     turning: float = np.pi
     across: float = 0.5
     parallel: float = 0.1
     full_turn: float = 2 * np.pi
+    need: float | None = None
+
+    def __post_init__(self):
+        for name, value in vars(self).items():
+            if value is not None and not (np.isfinite(value) and value > 0):
+                raise InputError(f"{name} = {value!r}; expected a finite number above 0")
 
     def angle(self, contraction):
         """α₁ in rad, what m1 must exceed; broadcasts."""
+        if self.need is not None:
+            return 0.0 * contraction + self.need
         return contraction * self.turning
 
     def most_across(self, contraction):
@@ -88,11 +107,14 @@ def thick_hinge(design):
     return design["h_ratio"] * design["slenderness"] > design["hinge_length"]
 
 
-def measure(curves: np.ndarray, hinge_length: float) -> Measures:
+def measure(
+    curves: np.ndarray, hinge_length: float, reach: tuple[float, float] = (0.0, 0.0)
+) -> Measures:
     """Measures of curves (4, n, 3) with points evenly spaced in the reference state.
 
-    ``hinge_length`` l_i/l_s tells the hinge from the panels along C1. Raises :class:`InputError`
-    for another shape or values that are not finite.
+    ``hinge_length`` l_i/l_s tells the hinge from the panels along C1. ``reach``: how far, in l_s,
+    an end of the active layer makes itself felt inside the hinge and outside of it. Raises
+    :class:`InputError` for another shape or values that are not finite.
     """
     curves = np.asarray(curves, dtype=float)
     if curves.ndim != 3 or curves.shape[0] != 4 or curves.shape[2] != 3 or curves.shape[1] < 3:
@@ -105,14 +127,22 @@ def measure(curves: np.ndarray, hinge_length: float) -> Measures:
     along, across = t[0, middle], t[1, middle]
     angles = _angles(t[0], across)
     s = (np.arange(len(angles)) + 0.5) / len(angles) - 0.5
-    ends = np.interp([-hinge_length / 2, hinge_length / 2], s, angles)
+    half, (inside, outside) = hinge_length / 2, reach
+    inside = min(inside, half / 2)
+
+    def turning(to: float) -> float:
+        return float(np.diff(np.interp([-to, to], s, angles))[0])
+
+    inner = turning(half - inside) * half / (half - inside)
     turned = _angles(t[1], along)
     return Measures(
         float(angles[-1] - angles[0]),
         float(abs(turned[-1] - turned[0])),
         float((t[0] * t[2]).sum(axis=1).mean()),
         float((t[0] * t[3]).sum(axis=1).mean()),
-        float(ends[1] - ends[0]),
+        turning(half),
+        inner,
+        turning(half + outside) - inner,
     )
 
 

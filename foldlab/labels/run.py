@@ -36,7 +36,8 @@ class Run:
     @property
     def measures(self) -> dict[str, float]:
         """Of the last state."""
-        return {k: self.history[-1][k] for k in ("m1", "m2", "m3", "m4", "hinge")}
+        names = ("m1", "m2", "m3", "m4", "hinge", "turning_hinge", "turning_ends")
+        return {k: self.history[-1][k] for k in names}
 
     def write_series(self, path: Path) -> list[float]:
         """The whole unit's path as a PVD series for ParaView; its loads, see ``Shape.load``."""

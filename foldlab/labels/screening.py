@@ -24,34 +24,39 @@ LARGEST_SLENDERNESS = 3e-2
 """h_s/l_s up to which both were measured."""
 
 
+def coarse_errors(m1: float, contraction: float, thresholds: Thresholds) -> tuple[float, float]:
+    """Bounds of the errors of m1 and m2 on the coarsest mesh, in rad."""
+    scale = float(thresholds.scale(m1, contraction))
+    return COARSE_ERROR * scale, COARSE_ERROR * float(thresholds.angle(contraction))
+
+
 def near(
     measures: Mapping[str, float],
     contraction: float,
     thresholds: Thresholds,
-    error: float = COARSE_ERROR,
+    errors: tuple[float, float],
+    slip: float = COARSE_SLIP,
 ) -> list[str]:
-    """Which measures of a coarse state, m1 … m4, lie so near their thresholds that they may cross.
+    """Which measures m1 … m4 lie so near their thresholds that they may cross, with their errors.
 
-    ``error``: as :data:`COARSE_ERROR`. One phrase each. None where one tag of F1 … F4 fails by more
-    than its error: then the design doesn't fold, whatever the others are.
+    ``errors``: of m1 and m2 in rad; ``slip``: of m3 and m4. One phrase each. None where one tag of
+    F1 … F4 fails by more than its error: then the design doesn't fold, whatever the others are.
     """
     m1, m2 = measures["m1"], measures["m2"]
     need, across = thresholds.angle(contraction), thresholds.most_across(contraction)
     most = thresholds.parallel
     rooms = [
-        (
-            m1 - need,
-            error * thresholds.scale(m1, contraction),
-            f"m1 is {m1:.3g} rad, {need:.3g} needed",
-        ),
-        (across - m2, error * need, f"m2 is {m2:.3g} rad, {across:.3g} allowed"),
+        (m1 - need, errors[0], f"m1 is {m1:.3g} rad, {need:.3g} needed"),
+        (across - m2, errors[1], f"m2 is {m2:.3g} rad, {across:.3g} allowed"),
     ]
     for name in ("m3", "m4"):
         off = abs(measures[name] - 1)
-        rooms.append((most - off, COARSE_SLIP, f"{name} is off 1 by {off:.3g}, {most:g} allowed"))
+        rooms.append((most - off, slip, f"{name} is off 1 by {off:.3g}, {most:g} allowed"))
     if any(room < -slack for room, slack, _ in rooms):
         return []
-    return [text for room, slack, text in rooms if abs(room) <= slack]
+    return [
+        f"{text}, and its error is {slack:.2g}" for room, slack, text in rooms if abs(room) <= slack
+    ]
 
 
 def decided(
@@ -70,4 +75,6 @@ def decided(
     """
     quiet = last["unstable"] == 0 and not closed and not set(happenings) - {"toppling"}
     known = design["slenderness"] <= LARGEST_SLENDERNESS
-    return bool(quiet and known and not near(last, design["contraction"], thresholds))
+    contraction = design["contraction"]
+    errors = coarse_errors(last["m1"], contraction, thresholds)
+    return bool(quiet and known and not near(last, contraction, thresholds, errors))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, fields, replace
 from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
 import pandas as pd
@@ -19,6 +19,7 @@ from foldlab.labels.label import Label
 from foldlab.labels.memory import forget_peak
 from foldlab.labels.rod import RodSource
 from foldlab.labels.run import Run
+from foldlab.labels.strength import Strengths, breaking, peaks
 from foldlab.labels.timoshenko import TimoshenkoSource
 from foldlab.settings import call
 
@@ -46,9 +47,10 @@ class SolverSource:
     question: Literal["from_flat", "exists"] = "from_flat"
     seed: int | None = None
     space: DesignSpace = FULL
+    thresholds: Thresholds = field(default_factory=Thresholds)
+    strengths: Strengths = field(default_factory=Strengths)
 
     name: ClassVar[str] = "solver"
-    thresholds: ClassVar[Thresholds] = Thresholds()
 
     def __post_init__(self):
         c, refine = self.conditions, self.effort.refine
@@ -81,11 +83,15 @@ class SolverSource:
     def version(self) -> str:
         """Tells all settings apart that may change an answer."""
         c, effort = self.conditions, self.effort
-        parts = ["3", c.growth, c.effects.replace(",", "+"), f"{effort.accuracy:g}"]
+        parts = ["4", c.growth, c.effects.replace(",", "+"), f"{effort.accuracy:g}"]
         parts += ["exists"] * (self.question == "exists") + ["falls"] * (not c.upright)
         parts += [f"noise{self.seed}"] * (self.seed is not None)
         parts += [f"strips{c.strips}x{c.strip_share:g}"] * (c.strips > 0)
         parts += [c.barrier] * (c.barrier != "surface")
+        for record in (self.thresholds, self.strengths):
+            for f in fields(record):
+                value = getattr(record, f.name)
+                parts += [f"{f.name}{value}"] * (value != f.default)
         parts += [f"{effort.refine}{screening.COARSE_ERROR:g}"] * (effort.refine != "always")
         return "-".join(parts)
 
@@ -114,10 +120,11 @@ class SolverSource:
         forget_peak()
         deadline = worked + self.timeout
         limits = {"deadline": deadline, "clock": clock}
-        run, error, levels = self.run(groups, 0, **limits), None, 1
+        run, errors, levels = self.run(groups, 0, **limits), None, 1
+        before: Run | None = None
         coarse = run.settled and self._enough(groups, run)
         if coarse:
-            error = screening.COARSE_ERROR
+            errors = judging.calibrated(run, groups, self.thresholds)
         for level in () if coarse else range(1, self.effort.plan.finest + 1):
             if not run.settled or core_seconds() > deadline:
                 break
@@ -135,10 +142,10 @@ class SolverSource:
                 if not again.settled:
                     break
                 refined = again, judging.difference(run, again, groups, self.thresholds)
-            run, error = refined[0], judging.stated(refined[1], level)
+            before, run, errors = run, refined[0], refined[1].stated(level)
             levels += 1
             if (
-                error <= self.effort.accuracy
+                errors.largest <= self.effort.accuracy
                 and level + 1 >= self.effort.plan.finest
                 and not self._across(run, level)
             ):
@@ -146,20 +153,42 @@ class SolverSource:
         foldable, reason, evidence = judging.judge(
             groups,
             run,
-            error,
+            errors,
             self.thresholds,
             accuracy=self.effort.accuracy,
             levels=levels,
             coarse=coarse,
         )
+        if run.history:
+            evidence |= self._peaks(run, None if run.closed else before)
+            foldable, reason, evidence["outcome"] = self._borne(foldable, reason, evidence)
         label = Label(groups, foldable, reason, evidence, self.name, self.version)
         basis = "calibrated" if coarse else "measured"
         spent = {
             "seconds": time.monotonic() - start,
             "core_seconds": core_seconds() - worked,
-            **({} if error is None else {"error_basis": basis}),
+            **({} if errors is None else {"error_basis": basis}),
         }
         return run, replace(label, evidence={**label.evidence, **spent})
+
+    def _peaks(self, run: Run, before: Run | None = None) -> dict[str, Any]:
+        """Peak strain, stress and traction of the last state, and their errors."""
+        from solver.cases.unit.strain import strain
+
+        shapes = [r.shapes[-1] for r in (run, before) if r is not None]
+        return peaks(*(strain(s.model, s.x, float(s.state.e)) for s in shapes))
+
+    def _borne(self, foldable, reason: str, evidence) -> tuple[bool | None, str, str]:
+        """Verdict, reason and outcome once more, where strengths are given."""
+        outcome = evidence["outcome"]
+        if not (foldable and self.strengths.given):
+            return foldable, reason, outcome
+        breaks, phrases = breaking(evidence, self.strengths)
+        if breaks:
+            return False, f"{reason}, but breaks: {' and '.join(phrases)}", "breaks"
+        if breaks is None:
+            return None, f"unknown: {reason}, but may break: {' and '.join(phrases)}", "unresolved"
+        return foldable, f"{reason}, and nothing breaks", outcome
 
     def _across(self, run: Run, level: int) -> bool:
         """Whether the turning across the hinge decides, and one element is too few to know it."""
@@ -233,14 +262,16 @@ class SolverSource:
         """Whether the path on the coarsest mesh needs no second one."""
         if self.effort.refine != "near":
             return self.effort.refine == "never"
+        if self.strengths.given and breaking(self._peaks(run), self.strengths)[0] is None:
+            return False
         kinds = {h.kind for h in run.folding.happenings}
         return screening.decided(design, run.history[-1], kinds, run.closed, self.thresholds)
 
-    def _refined(self, run: Run, level: int, deadline: float) -> tuple[Run, float] | None:
-        """The last state of a run on a finer mesh, after the run's history; and its error.
+    def _refined(self, run: Run, level: int, deadline: float) -> tuple[Run, judging.Errors] | None:
+        """The last state of a run on a finer mesh, after the run's history; and its errors.
 
         Where a path ended at a full turn, small differences have grown large. What is refined is
-        then the state before, for the error only.
+        then the state before, for the errors only.
         """
         from solver.cases.unit import path as unit_path
         from solver.cases.unit.output import Shape
@@ -257,7 +288,7 @@ class SolverSource:
         before = run.history[-2 if run.closed else -1]
         row["contraction"] = before["contraction"]
         scale = max(float(self.thresholds.scale(row["m1"], before["contraction"])), 1e-9)
-        off = max(abs(row[m] - before[m]) for m in ("m1", "m2")) / scale
+        off = judging.Errors(*(abs(row[m] - before[m]) / scale for m in ("m1", "m2")))
         if run.closed:
             return run, off
         finer = replace(

@@ -6,6 +6,7 @@ What is judged is a :class:`foldlab.labels.run.Run`; nothing here knows how it w
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -29,15 +30,34 @@ MARGIN = 1.25
 FLOOR = {1: 6.5e-3, 2: 3e-3, 3: 1.5e-3}
 
 
-def stated(difference: float, level: int) -> float:
-    """The error that is stated for a difference between the meshes ``level`` − 1 and ``level``."""
-    return max(MARGIN * difference, FLOOR[level])
+@dataclass(frozen=True)
+class Errors:
+    """Of m1 and m2, each over the larger of |m1| and the threshold of m1."""
+
+    m1: float
+    m2: float
+
+    @property
+    def largest(self) -> float:
+        """Of the two."""
+        return max(self.m1, self.m2)
+
+    def stated(self, level: int) -> Errors:
+        """What is stated where the meshes ``level`` − 1 and ``level`` differ by these."""
+        return Errors(*(max(MARGIN * off, FLOOR[level]) for off in (self.m1, self.m2)))
+
+
+def calibrated(run: Run, design: Mapping[str, float], thresholds: Thresholds) -> Errors:
+    """Of a path on the coarsest mesh, as measured on other designs."""
+    m1, g = run.measures["m1"], design["contraction"]
+    scale = float(thresholds.scale(m1, g))
+    return Errors(*(off / scale for off in screening.coarse_errors(m1, g, thresholds)))
 
 
 def judge(
     design: Mapping[str, float],
     run: Run,
-    error: float | None,
+    errors: Errors | None,
     thresholds: Thresholds,
     *,
     accuracy: float,
@@ -46,9 +66,8 @@ def judge(
 ) -> tuple[bool | None, str, dict[str, Any]]:
     """Verdict, reason and evidence of a path.
 
-    ``error``: of the last state, relative, None where no second mesh confirmed it; ``coarse``:
-    whether it is the calibrated one of :mod:`foldlab.labels.screening`; ``levels``: meshes that
-    were used.
+    ``errors``: of the last state, None where no second mesh confirmed it; ``coarse``: whether they
+    are the calibrated ones of :mod:`foldlab.labels.screening`; ``levels``: meshes that were used.
     """
     folding = run.folding
     evidence = {
@@ -71,6 +90,7 @@ def judge(
             **tags,
             "contraction_reached": last["contraction"],
             "threshold": thresholds.turning,
+            "need": float(thresholds.angle(design["contraction"])),
             "unstable_modes": last["unstable"],
             "stable": last["unstable"] == 0 and run.settled,
             "topples": folding.last.topples,
@@ -90,22 +110,24 @@ def judge(
         )
         evidence["outcome"] = outcome
     if run.history:
-        evidence["error_estimate"] = error
-    if run.settled and error is None:
+        scale = float(thresholds.scale(run.measures["m1"], design["contraction"]))
+        evidence["error_estimate"] = None if errors is None else errors.largest
+        if errors is not None:
+            evidence |= {"error_m1": errors.m1 * scale, "error_m2": errors.m2 * scale}
+    if run.settled and errors is None:
         reason = f"unknown, for no finer mesh confirmed it in time: {reason}"
         foldable, evidence["outcome"] = None, "unverified"
-    elif run.settled and error > accuracy:
-        m1, m2 = run.measures["m1"], run.measures["m2"]
-        need = thresholds.angle(design["contraction"])
-        most = thresholds.most_across(design["contraction"])
-        slack = error * float(thresholds.scale(m1, design["contraction"]))
-        near = [f"m1 is {m1:.3g} rad, {need:.3g} needed"] * (abs(m1 - need) < slack)
-        near += [f"m2 is {m2:.3g} rad, {most:.3g} allowed"] * (abs(m2 - most) < slack)
-        if coarse:
-            near = screening.near(run.measures, design["contraction"], thresholds)
+    elif run.settled and errors.largest > accuracy:
+        near = screening.near(
+            run.measures,
+            design["contraction"],
+            thresholds,
+            (errors.m1 * scale, errors.m2 * scale),
+            screening.COARSE_SLIP if coarse else 0.0,
+        )
         if near and not run.closed:
             foldable, evidence["outcome"] = None, "unresolved"
-            reason = f"unknown: {' and '.join(near)}, and the error is {slack:.2g} rad"
+            reason = f"unknown: {' and '.join(near)}"
     no_state = not run.history and not run.timed_out
     if folding.model.heavy and (no_state or evidence["outcome"] == "unverified"):
         reason += _burden(design)
@@ -123,7 +145,9 @@ def _events(run: Run, design, thresholds) -> list[dict]:
 
 def row_of(state, unit) -> dict[str, float]:
     """What the history keeps of a state."""
-    m = foldability.measure(state.curves, unit.hinge_length)
+    # An end makes itself felt over about a thickness.
+    reach = unit.slenderness + unit.active, 2 * unit.slenderness
+    m = foldability.measure(state.curves, unit.hinge_length, reach)
     row = {"contraction": float(state.e) * unit.contraction, **vars(m)}
     row["unstable"] = state.unstable
     if state.tip is not None:
@@ -136,15 +160,16 @@ def row_of(state, unit) -> dict[str, float]:
 
 def difference(
     coarse: Run, fine: Run, design: Mapping[str, float], thresholds: Thresholds
-) -> float:
-    """Of m1 and m2 of two paths, over the larger of fold angle and |g|π."""
+) -> Errors:
+    """Of m1 and m2 of two paths, over the larger of fold angle and its threshold."""
     rows = [r.history[-1] for r in (coarse, fine)]
     if coarse.closed and fine.closed:
         # Both end at about the same angle: what differs is the contraction that it takes.
         turned = [r["m1"] / r["contraction"] for r in rows]
-        return abs(turned[1] - turned[0]) / max(abs(turned[1]), 1e-9)
+        off = abs(turned[1] - turned[0]) / max(abs(turned[1]), 1e-9)
+        return Errors(off, off)
     scale = float(thresholds.scale(rows[1]["m1"], design["contraction"]))
-    return max(abs(rows[1][m] - rows[0][m]) for m in ("m1", "m2")) / scale
+    return Errors(*(abs(rows[1][m] - rows[0][m]) / scale for m in ("m1", "m2")))
 
 
 def _burden(design: Mapping[str, float]) -> str:
@@ -205,7 +230,7 @@ def verdict(
             "folds",
             (
                 f"folds by {last['m1']:.3g} rad, more than the {need:.3g} rad that count as "
-                "folded, and is stable there"
+                f"folded, and is stable there{_by_ends(last)}"
             ),
         )
     if closed and last["m2"] > last["m1"]:
@@ -247,6 +272,16 @@ def verdict(
     if not tags["F2"]:
         return False, "curled", f"the hinge curled about the other axis {percent('curling')}"
     return False, "warped", f"the unit warped {percent('warping')}: its edges left the middle line"
+
+
+def _by_ends(last: Mapping[str, float]) -> str:
+    """What to add where the hinge itself bends by less than half of what its ends turn."""
+    if "turning_ends" not in last or last["turning_ends"] < last["m1"] / 2:
+        return ""
+    return (
+        f"; the hinge bends by {last['turning_hinge']:.2g} rad only, the ends of its active layer "
+        f"turn the sheet by {last['turning_ends']:.2g} rad"
+    )
 
 
 def find_events(

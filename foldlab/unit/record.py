@@ -70,6 +70,17 @@ def summary(label: Label, run: Run, source: SolverSource) -> dict[str, Any]:
         "unstable_modes": e.get("unstable_modes"),
         "topples": e.get("topples"),
         "error_estimate": e.get("error_estimate"),
+        # rad
+        "need": e.get("need"),
+        "error_m1": e.get("error_m1"),
+        "error_m2": e.get("error_m2"),
+        "turning_hinge": e.get("turning_hinge"),
+        "turning_ends": e.get("turning_ends"),
+        # peaks, stress and interface over E_s
+        "strain": e.get("strain"),
+        "stress": e.get("stress"),
+        "interface": e.get("interface"),
+        "peak_errors": e.get("peak_errors"),
         # over h_s, None without a ground
         "rest_gap": e.get("rest_gap"),
         "penetration": e.get("penetration"),

@@ -66,7 +66,10 @@ def strain(model: Model, x: np.ndarray, e: float, *, length: float | None = None
     if not (np.isfinite(length) and length > 0):
         raise ValueError(f"length = {length!r}; expected a length of averaging above 0, in l_s")
     u = model.scene.displacement(x, e)
-    fields = cell_fields(body, u, model.terms, e)
+    # The term itself, not one that a clock wraps.
+    (own,) = [t for t in model.terms if t.name == "elastic"]
+    elastic = Elastic(body, own.material, own.growth)
+    fields = cell_fields(body, u, [elastic], e)
     E, S = _corotated(fields)
     active = body.cells_of("active")
     top = unit.slenderness
@@ -155,8 +158,8 @@ def _interface(model: Model, u, e, active, length) -> tuple[float, float]:
 def _force_of(model: Model, u, e, active) -> np.ndarray:
     """Inner force and weight of the active layer at the nodes (n, 3)."""
     body, unit = model.body, model.unit
-    (whole,) = [t for t in model.terms if t.name == "elastic"]
-    force = Elastic(body, whole.material, whole.growth, cells=active).evaluate(u, e, 1).force
+    (own,) = [t for t in model.terms if t.name == "elastic"]
+    force = Elastic(body, own.material, own.growth, cells=active).evaluate(u, e, 1).force
     if model.heavy:
         density = np.where(active, unit.rho_ratio, 0.0)[:, None]
         force[:, 2] += unit.weight * body.node_volumes(density)

@@ -61,6 +61,12 @@ def test_problem_p_in_numbers_files_and_pictures(simulate, tmp_path):
     assert result["effects"] == ["elastic"]
     assert result["rest_gap"] is None and result["penetration"] is None
     assert result["contraction_reached"] == 0.3
+    assert result["need"] == pytest.approx(0.3 * np.pi)
+    assert result["turning_hinge"] + result["turning_ends"] == pytest.approx(PROBLEM_P, rel=0.02)
+    assert result["strain"]["passive"] == pytest.approx(0.0774, rel=0.03)
+    assert set(result["stress"]) == {"passive", "active"}
+    assert set(result["interface"]) == {"opening", "shear"}
+    assert result["peak_errors"]["strain"]["passive"] < 0.1
     # What acts on nothing is not made up.
     assert result["design"]["stiffness_to_weight"] is None
     assert result["design"]["hinge_width"] == 1
@@ -113,6 +119,8 @@ def check_series(path, curves):
         (f"{sets(**HEAVY)} --growth sideways", "growth 'sideways'; expected"),
         (f"{sets(**HEAVY)} --question exists", "set growth=isotropic"),
         (f"{sets(**HEAVY)} --barrier soft", "barrier 'soft'; expected"),
+        (f"{sets(**HEAVY)} --need 0", "need = 0.0; expected a finite number above 0"),
+        (f"{sets(**HEAVY)} --shear -1", "shear = -1.0; expected a finite number above 0"),
         (f"{sets(**HEAVY)} --accuracy 0", "accuracy = 0.0; expected"),
         (f"{sets(**HEAVY)} --strips 999 --timeout 1", "strips = 999; expected 0 to 50"),
         (f"{sets(**HEAVY)} --animate --no-pictures", "--animate draws a picture"),
@@ -187,6 +195,17 @@ def test_where_nothing_renders_the_unit_is_drawn_from_the_side(simulate, tmp_pat
     with Image.open(tmp_path / "s" / "shapes.png") as image:
         assert np.asarray(image.convert("L")).std() > 5
     assert not (tmp_path / "s" / "fold.gif").exists()
+
+
+def test_an_angle_that_is_needed_and_what_breaks_on_the_way(simulate):
+    line = f"{sets(**GROUPS)} --effects none --accuracy 0.05 --no-pictures -o p"
+    status, out, _ = simulate(f"{line} --need 3 --passive-strain 0.05 --json")
+    found = json.loads(out)
+    assert (status, found["foldable"], found["outcome"]) == (0, False, "breaks")
+    assert "more than the 3 rad" in found["reason"] and "0.05 borne" in found["reason"]
+    status, out, _ = simulate(f"{line} --need 4")
+    assert status == 0 and "too_little" in out and "> 4 rad" in out
+    assert "passive 0.077" in out
 
 
 def test_a_folded_state_is_looked_for_on_a_mesh_that_may_curl(tmp_path):

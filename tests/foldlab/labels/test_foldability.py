@@ -52,6 +52,23 @@ def test_a_circular_hinge_turns_by_its_angle_with_its_sign(fold, sign):
     assert (m.m3, m.m4) == pytest.approx((1, 1))
 
 
+def test_turning_by_the_hinge_and_by_its_ends_are_told_apart():
+    y = np.linspace(-0.5, 0.5, 2001)
+    # An arc of 0.6 rad, and 0.4 rad more within 0.02 around either end.
+    angles = 0.6 * np.clip(y / 0.2, -0.5, 0.5)
+    for end in (-0.1, 0.1):
+        angles = angles + 0.4 * np.clip((y - end) / 0.02, -0.5, 0.5)
+    steps = np.stack([np.zeros(2000), np.cos(angles[1:]), np.sin(angles[1:])], axis=1) / 2000
+    line = np.vstack([np.zeros(3), np.cumsum(steps, axis=0)])
+    across = np.stack([np.linspace(-0.1, 0.1, 2001), np.zeros(2001), np.zeros(2001)], axis=1)
+    m = measure(np.stack([line, across, line, line]), 0.2, (0.02, 0.02))
+    assert m.m1 == pytest.approx(1.4, abs=1e-3)
+    assert (m.turning_hinge, m.turning_ends) == pytest.approx((0.6, 0.8), abs=2e-3)
+    # Without a reach all that turns within the hinge is the hinge's.
+    m = measure(np.stack([line, across, line, line]), 0.2)
+    assert (m.turning_hinge, m.turning_ends) == pytest.approx((1.0, 0.0), abs=2e-3)
+
+
 def test_of_an_arc_over_the_whole_length_the_hinge_turns_its_part():
     arc = _line(2.0 * (S[1:] + S[:-1]) / 2)
     m = measure(np.stack([arc, unit()[1], arc + SIDE, arc - SIDE]), LENGTH)

@@ -97,7 +97,9 @@ def test_the_bound_covers_the_coarse_mesh_on_designs_of_the_dataset():
     ],
 )
 def test_what_counts_as_near(change, says):
-    phrases = screening.near(STATE | change, G, Thresholds())
+    measures = STATE | change
+    errors = screening.coarse_errors(measures["m1"], G, Thresholds())
+    phrases = screening.near(measures, G, Thresholds(), errors)
     assert [text[:2] for text in phrases] == says
 
 

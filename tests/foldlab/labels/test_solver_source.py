@@ -17,7 +17,8 @@ from foldlab.labels import foldability, solver
 from foldlab.labels.asked import Conditions, Effort
 from foldlab.labels.label import LabelSource, storable
 from foldlab.labels.solver import SolverSource, make_source
-from foldlab.labels.verdict import CURVE_POINTS
+from foldlab.labels.strength import Strengths
+from foldlab.labels.verdict import CURVE_POINTS, Errors
 from solver.equilibrium import clock
 from solver.physics.elastic import Elastic
 
@@ -181,7 +182,8 @@ def test_where_turning_across_the_hinge_decides_two_elements_across_tell_it(
     need = np.pi * LIGHT["contraction"]
     run.history[-1] |= {"m1": m1 * need, "m2": across * need}
     monkeypatch.setattr(SolverSource, "run", lambda *args, **limits: run)
-    monkeypatch.setattr(SolverSource, "_refined", lambda self, run, level, deadline: (run, 1e-6))
+    same = Errors(1e-6, 1e-6)
+    monkeypatch.setattr(SolverSource, "_refined", lambda self, run, level, deadline: (run, same))
     assert source.label(LIGHT).evidence["levels"] == levels
 
 
@@ -214,12 +216,13 @@ def test_versions_tell_settings_apart():
         {}, {"accuracy": 0.05}, {"effects": "none"}, {"growth": "isotropic"}, {"upright": False},
         {"growth": "isotropic", "question": "exists"}, {"seed": 1}, {"seed": 2},
         {"barrier": "exponential"}, {"strips": 2}, {"strips": 2, "strip_share": 0.8},
-        {"effects": "contact"}, {"refine": "near"},
+        {"effects": "contact"}, {"refine": "near"}, {"need": 1.57}, {"need": 1.571},
+        {"passive_strain": 0.05}, {"active_strain": 0.05}, {"shear": 0.05},
     ]  # fmt: skip
     assert len({make_source("solver", o).version for o in options}) == len(options)
     # What can't change an answer makes no other version.
     same = [{}, {"timeout": 9.0}, {"strip_share": 0.8}]
-    assert {make_source("solver", o).version for o in same} == {"3-uniaxial-gravity+ground-0.02"}
+    assert {make_source("solver", o).version for o in same} == {"4-uniaxial-gravity+ground-0.02"}
 
 
 def test_settings_without_strips_do_not_say_what_strips_cover():
@@ -232,7 +235,8 @@ def test_meshes_beyond_the_cap_on_unknowns_are_not_refined(accuracy, finest, mon
     run = source.run(LIGHT, 0)
     size = run.folding.model.scene.size
     monkeypatch.setattr(SolverSource, "run", lambda *args, **limits: run)
-    monkeypatch.setattr(SolverSource, "_refined", lambda self, run, level, deadline: (run, 0.5))
+    refined = run, Errors(0.5, 0.5)
+    monkeypatch.setattr(SolverSource, "_refined", lambda self, run, level, deadline: refined)
     for cap, levels in ((size, finest + 1), (size - 1, 2)):
         monkeypatch.setitem(solver.LARGEST, finest, cap)
         assert source.label(LIGHT).evidence["levels"] == levels
@@ -268,3 +272,37 @@ def test_a_design_that_is_no_unit_is_refused():
             SolverSource().label(LIGHT | change)
     with pytest.raises(InputError, match=r"the design has no mesh: .*inverted or flat"):
         SolverSource().label(LIGHT | {"aspect": 1e29})
+
+
+def test_labels_know_what_strains_and_what_breaks():
+    source = SolverSource(Conditions(effects="none"))
+    label = source.label(LIGHT)
+    e = label.evidence
+    assert label.foldable
+    assert e["turning_hinge"] + e["turning_ends"] == pytest.approx(e["m1"], rel=0.01)
+    strain = e["strain"]["passive"]
+    assert strain == max(e["tension"]["passive"], -e["compression"]["passive"]) > 0.01
+    assert 0 <= e["peak_errors"]["strain"]["passive"] < 0.1
+    assert e["averaged_over"] == LIGHT["slenderness"]
+
+    def bearing(limit):
+        return replace(source, strengths=Strengths(passive_strain=limit)).label(LIGHT)
+
+    broken, sound, doubtful = (bearing(k * strain) for k in (0.8, 1.25, 1.0))
+    assert (broken.foldable, broken.evidence["outcome"]) == (False, "breaks")
+    assert "but breaks: the passive layer's strain is" in broken.reason
+    assert sound.foldable and sound.reason.endswith("and nothing breaks")
+    assert (doubtful.foldable, doubtful.evidence["outcome"]) == (None, "unresolved")
+    # What does not fold is not asked whether it breaks.
+    flat = replace(source, strengths=Strengths(passive_strain=1e-9)).label(
+        LIGHT | {"E_ratio": 1e-3, "h_ratio": 0.1}
+    )
+    assert flat.evidence["outcome"] == "too_little"
+
+
+def test_what_counts_as_folded_may_be_given_in_rad():
+    angle = SolverSource(Conditions(effects="none")).label(LIGHT).evidence["m1"]
+    for need, folds in ((0.9 * angle, True), (1.1 * angle, False)):
+        label = make_source("solver", {"effects": "none", "need": need}).label(LIGHT)
+        assert label.foldable is folds and f"{need:.3g} rad" in label.reason
+        assert label.evidence["need"] == need

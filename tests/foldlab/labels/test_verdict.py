@@ -5,9 +5,10 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from foldlab.errors import InputError
 from foldlab.labels.foldability import Thresholds
 from foldlab.labels.run import Run
-from foldlab.labels.verdict import difference, judge
+from foldlab.labels.verdict import Errors, difference, judge
 from solver.cases.unit.path import Ending
 
 LIMITS = Thresholds()
@@ -21,6 +22,7 @@ ALPHA = 0.3 * np.pi
 def a_run(*, ending=Ending.REACHED, closed=False, heavy=True, states=True, **measures):
     """A path of one state, or of none, that the solver need not find."""
     row = {"contraction": 0.3, "m1": 0.0, "m2": 0.0, "m3": 1.0, "m4": 1.0, "hinge": 0.0}
+    row |= {"turning_hinge": 0.0, "turning_ends": 0.0}
     row |= {"unstable": 0, **measures}
     state = SimpleNamespace(topples=False, curves=np.zeros((4, 1000, 3)))
     folding = SimpleNamespace(
@@ -30,10 +32,11 @@ def a_run(*, ending=Ending.REACHED, closed=False, heavy=True, states=True, **mea
     return Run(folding, [row] if states else [], closed, [])
 
 
-def judged(run, error, **changed):
+def judged(run, error, *, limits=LIMITS, **changed):
     design = DESIGN | changed
+    errors = Errors(error, error) if isinstance(error, float) else error
     foldable, reason, evidence = judge(
-        design, run, error, LIMITS, accuracy=0.02, levels=2, coarse=False
+        design, run, errors, limits, accuracy=0.02, levels=2, coarse=False
     )
     return foldable, evidence["outcome"], reason
 
@@ -44,22 +47,29 @@ def judged(run, error, **changed):
 @pytest.mark.parametrize(
     "coarse, fine, off",
     [
-        ({"m1": 1.9}, {"m1": 2.0}, 0.1 / 2.0),
-        ({"m1": 0.1}, {"m1": 0.2}, 0.1 / ALPHA),  # little angles count against what folds
-        ({"m1": 2.0, "m2": 0.3}, {"m1": 2.0, "m2": 0.1}, 0.2 / 2.0),
-        ({"m1": 1.9, "m2": 0.3}, {"m1": 2.0, "m2": 0.0}, 0.3 / 2.0),
+        ({"m1": 1.9}, {"m1": 2.0}, (0.1 / 2.0, 0)),
+        ({"m1": 0.1}, {"m1": 0.2}, (0.1 / ALPHA, 0)),  # little angles count against what folds
+        ({"m1": 2.0, "m2": 0.3}, {"m1": 2.0, "m2": 0.1}, (0, 0.2 / 2.0)),
+        ({"m1": 1.9, "m2": 0.3}, {"m1": 2.0, "m2": 0.0}, (0.1 / 2.0, 0.3 / 2.0)),
     ],
 )
-def test_meshes_differ_by_the_larger_of_both_turnings(coarse, fine, off):
-    assert difference(a_run(**coarse), a_run(**fine), DESIGN, LIMITS) == pytest.approx(off)
+def test_meshes_differ_by_each_turning(coarse, fine, off):
+    got = difference(a_run(**coarse), a_run(**fine), DESIGN, LIMITS)
+    assert (got.m1, got.m2) == pytest.approx(off)
+    assert got.largest == pytest.approx(max(off))
 
 
 def test_closed_paths_differ_by_the_contraction_that_a_full_turn_takes():
     runs = [a_run(closed=True, m1=6.3, contraction=g) for g in (0.2, 0.25)]
-    assert difference(*runs, DESIGN, LIMITS) == pytest.approx(0.25)
+    assert difference(*runs, DESIGN, LIMITS).largest == pytest.approx(0.25)
     # Where only one of them closed, the angles are what differs.
     runs = [a_run(m1=5.0), a_run(closed=True, m1=6.25, contraction=0.25)]
-    assert difference(*runs, DESIGN, LIMITS) == pytest.approx(0.2)
+    assert difference(*runs, DESIGN, LIMITS).largest == pytest.approx(0.2)
+
+
+def test_each_turning_is_stated_with_a_margin_and_not_below_what_chance_may_give():
+    assert vars(Errors(0.1, 1e-4).stated(2)) == pytest.approx({"m1": 0.125, "m2": 3e-3})
+    assert vars(Errors(1e-4, 0.1).stated(1)) == pytest.approx({"m1": 6.5e-3, "m2": 0.125})
 
 
 # -- what an error leaves open -------------------------------------------------------------------
@@ -75,12 +85,40 @@ def test_closed_paths_differ_by_the_contraction_that_a_full_turn_takes():
         ({"m1": 0.90 * ALPHA}, 0.05, "too_little"),
         ({"m1": 2 * ALPHA, "m2": 0.45 * ALPHA}, 0.05, "unresolved"),
         ({"m1": 2 * ALPHA, "m2": 0.35 * ALPHA}, 0.05, "folds"),
+        # The error of one says nothing of the other.
+        ({"m1": 1.02 * ALPHA, "m2": 0.1}, Errors(0.01, 0.2), "folds"),
+        ({"m1": 1.02 * ALPHA, "m2": 0.1}, Errors(0.05, 0.001), "unresolved"),
+        ({"m1": 2 * ALPHA, "m2": 0.45 * ALPHA}, Errors(0.1, 0.01), "folds"),
+        ({"m1": 2 * ALPHA, "m2": 0.45 * ALPHA}, Errors(0.01, 0.1), "unresolved"),
+        # What fails by more than its error decides, however near the other is.
+        ({"m1": 0.5 * ALPHA, "m2": 0.49 * ALPHA}, 0.05, "too_little"),
     ],
 )
 def test_within_its_error_of_a_threshold_a_label_is_unknown(measures, error, outcome):
     foldable, seen, reason = judged(a_run(**measures), error)
     assert seen == outcome
     assert (foldable is None) == (outcome == "unresolved") == reason.startswith("unknown")
+
+
+def test_what_counts_as_folded_may_be_an_angle():
+    run = a_run(m1=1.5, m2=0.6)
+    assert judged(run, 0.01)[1] == "curled"  # m2 above half of 0.3 π
+    assert judged(run, 0.01, limits=Thresholds(need=1.4))[:2] == (True, "folds")
+    foldable, outcome, reason = judged(run, 0.01, limits=Thresholds(need=1.6))
+    assert (foldable, outcome) == (False, "too_little") and "the 1.6 rad needed" in reason
+    assert judged(run, 0.05, limits=Thresholds(need=1.45))[:2] == (None, "unresolved")
+
+
+@pytest.mark.parametrize("name", ["need", "turning", "across"])
+def test_thresholds_are_positive(name):
+    with pytest.raises(InputError, match=rf"{name} = 0\.0; expected a finite number above 0"):
+        Thresholds(**{name: 0.0})
+
+
+def test_a_fold_by_the_ends_of_the_active_layer_is_told():
+    ends = a_run(m1=1.2, turning_hinge=0.1, turning_ends=1.1)
+    assert "the hinge bends by 0.1 rad only" in judged(ends, 0.01)[2]
+    assert "only" not in judged(a_run(m1=1.2, turning_hinge=0.9, turning_ends=0.3), 0.01)[2]
 
 
 def test_a_closed_path_is_resolved_whatever_its_error():
