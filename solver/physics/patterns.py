@@ -121,7 +121,10 @@ def _read_csv(path, field, reach):
         try:
             if any(row[len(header) :]):
                 raise ValueError(f"{len(row)} cells below a header of {len(header)}")
-            table[k] = [float(row[column]) for column in columns]
+            cells = [row[column] for column in columns]
+            if "\n" in "".join(cells):
+                raise ValueError("a quote that is not closed")
+            table[k] = [float(cell) for cell in cells]
         except (ValueError, IndexError) as error:
             raise ValueError(f"{path.name} is no table of numbers in row {k}: {error}") from error
     return Pattern(table[:, :3], table[:, 3], name=path.name, reach=reach)

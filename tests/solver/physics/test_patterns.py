@@ -49,6 +49,8 @@ def test_tables_of_other_programs_are_read(text, suffix, tmp_path):
         (lines(row="{},{},{}"), "in row 0: list index out of range"),
         (lines(header="x,y,z,part", row="{},{},{},much").replace("part", "beta"), "'much'"),
         ("", "no column 'x'; there are: none"),
+        (lines(row='{},{},{},"{}'), "in row 0: a quote that is not closed"),
+        (lines()[:-1].rpartition(",")[0] + ',"1\n', "in row 39: a quote that is not closed"),
         ("x,y,z,beta\n", "has 0 points"),
         ("größe".encode("latin-1"), "is no table of text: .*utf-8"),
     ],
