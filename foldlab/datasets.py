@@ -7,11 +7,12 @@ A dataset is one Parquet table; how it was made (command, commit, seconds, versi
 from __future__ import annotations
 
 from pathlib import Path
-
-import pandas as pd
+from typing import TYPE_CHECKING
 
 from foldlab.errors import InputError
-from foldlab.tables import read_table
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 FOLDER = Path(__file__).parent / "data"
 
@@ -29,6 +30,8 @@ def load_dataset(name: str) -> pd.DataFrame:
     and tags F1 … F4, ``error_estimate`` (relative), ``events`` (JSON), ``core_seconds`` and more.
     Raises :class:`InputError` for a name that is not there.
     """
+    from foldlab.tables import read_table
+
     if name not in datasets():
         raise InputError(f"no dataset {name!r}; there are: {', '.join(datasets()) or 'none'}")
     return read_table(FOLDER / f"{name}.parquet")

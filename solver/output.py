@@ -12,31 +12,25 @@ import xml.etree.ElementTree as ET
 from collections.abc import Iterable, Mapping
 from itertools import pairwise
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
-from vtkmodules.util.numpy_support import numpy_to_vtk, numpy_to_vtkIdTypeArray
-from vtkmodules.vtkCommonCore import vtkPoints, vtkStringArray
-from vtkmodules.vtkCommonDataModel import (
-    vtkCellArray,
-    vtkHexahedron,
-    vtkQuadraticHexahedron,
-    vtkQuadraticTetra,
-    vtkTetra,
-    vtkTriQuadraticHexahedron,
-    vtkUnstructuredGrid,
-)
-from vtkmodules.vtkIOXML import vtkXMLUnstructuredGridWriter
 
 from solver.mesh.body import ELEMENTS, Body
 from solver.mesh.checks import determinants, orientation
 from solver.physics.elastic import Elastic
 
+if TYPE_CHECKING:
+    from vtkmodules.vtkCommonDataModel import vtkUnstructuredGrid
+
+# VTK is imported where it is used: fields are also computed where nothing is written, and it
+# holds 40 MB.
 CELLS = {
-    "hex27": vtkTriQuadraticHexahedron,
-    "hex20": vtkQuadraticHexahedron,
-    "hex8": vtkHexahedron,
-    "tet10": vtkQuadraticTetra,
-    "tet4": vtkTetra,
+    "hex27": "vtkTriQuadraticHexahedron",
+    "hex20": "vtkQuadraticHexahedron",
+    "hex8": "vtkHexahedron",
+    "tet10": "vtkQuadraticTetra",
+    "tet4": "vtkTetra",
 }
 
 
@@ -100,12 +94,16 @@ def grid(
     of which the mean by volume is taken; ``load``: the field data of this name. Raises ValueError
     for fields of other shapes.
     """
-    out = vtkUnstructuredGrid()
+    from vtkmodules import vtkCommonDataModel
+    from vtkmodules.util.numpy_support import numpy_to_vtk, numpy_to_vtkIdTypeArray
+    from vtkmodules.vtkCommonCore import vtkPoints, vtkStringArray
+
+    out = vtkCommonDataModel.vtkUnstructuredGrid()
     points = vtkPoints()
     points.SetData(numpy_to_vtk(body.nodes, deep=True))
     out.SetPoints(points)
-    cell = CELLS[body.element]()
-    cells = vtkCellArray()
+    cell = getattr(vtkCommonDataModel, CELLS[body.element])()
+    cells = vtkCommonDataModel.vtkCellArray()
     m, k = body.cells.shape
     cells.SetData(
         numpy_to_vtkIdTypeArray(np.arange(0, k * m + 1, k, dtype=np.int64), deep=True),
@@ -152,6 +150,8 @@ def write_vtu(
     Raises ValueError for another suffix, a missing folder, or fields that don't fit, and OSError
     if the file can't be written.
     """
+    from vtkmodules.vtkIOXML import vtkXMLUnstructuredGridWriter
+
     path = Path(path)
     if path.suffix != ".vtu":
         raise ValueError(f"{path.name}: expected a name that ends in .vtu")
@@ -316,6 +316,8 @@ def _layers(body: Body) -> tuple[dict[str, np.ndarray], list[str]]:
 
 
 def _add(data, name: str, values: np.ndarray) -> None:
+    from vtkmodules.util.numpy_support import numpy_to_vtk
+
     if values.dtype == bool:
         values = values.astype(np.uint8)
     array = numpy_to_vtk(np.ascontiguousarray(values.reshape(len(values), -1)), deep=True)

@@ -1,5 +1,8 @@
 """The command line; the entry point is :func:`main`."""
 
-from foldlab.cli.app import main
 
-__all__ = ["main"]
+def main() -> None:
+    """See :func:`foldlab.cli.app.main`; imported when called, since workers import this module."""
+    from foldlab.cli.app import main
+
+    main()

@@ -13,12 +13,14 @@ from collections.abc import Iterable, Mapping
 from concurrent.futures import Executor
 from dataclasses import dataclass, field
 from functools import lru_cache, partial
-from typing import Any, Protocol, runtime_checkable
+from typing import TYPE_CHECKING, Any, Protocol, runtime_checkable
 
 import numpy as np
-import pandas as pd
 
 from foldlab.errors import InputError
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 
 @dataclass(frozen=True)
@@ -148,6 +150,8 @@ def labels_to_frame(labels: Iterable[Label]) -> pd.DataFrame:
     Nested evidence gets dotted names, lists become JSON text, and evidence that shares its name
     with another column is called ``evidence.<name>``.
     """
+    import pandas as pd
+
     labels = list(labels)
     groups = dict.fromkeys(name for label in labels for name in label.design)
     taken = {*groups, "foldable", "reason", "source", "version"}
@@ -211,6 +215,8 @@ def truth_of(source, designs: pd.DataFrame, *, executor: Executor | None = None)
     ``foldable``: nullable booleans, shape (n,), NA where the source could not tell. ``margin``:
     signed distance to the source's own boundary (0 on it), shape (n,), or None if it gives none.
     """
+    import pandas as pd
+
     if hasattr(source, "evaluate"):
         table = source.evaluate(designs)
         foldable, margin = table["foldable"], table.get("margin")

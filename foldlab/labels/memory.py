@@ -8,13 +8,18 @@ from contextlib import suppress
 from pathlib import Path
 
 
+def hand_back() -> None:
+    """Give the system back what is held for nothing, as far as it can (GNU's C library)."""
+    with suppress(OSError, AttributeError, TypeError):
+        ctypes.CDLL(None).malloc_trim(0)
+
+
 def forget_peak() -> None:
-    """Give back what earlier labels held, and let the peak of memory count from now on.
+    """Hand back what earlier labels held, and let the peak of memory count from now on.
 
     As far as the system can: elsewhere than on Linux the peak is that of the whole process.
     """
-    with suppress(OSError, AttributeError, TypeError):
-        ctypes.CDLL(None).malloc_trim(0)
+    hand_back()
     with suppress(OSError):
         Path("/proc/self/clear_refs").write_text("5")
 

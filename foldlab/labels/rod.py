@@ -12,8 +12,6 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, ClassVar
 
-import pandas as pd
-
 from foldlab.design import FULL, DesignSpace
 from foldlab.errors import InputError
 from foldlab.labels import verdict as judging
@@ -22,6 +20,8 @@ from foldlab.labels.foldability import Thresholds
 from foldlab.labels.label import Label
 
 if TYPE_CHECKING:
+    import pandas as pd
+
     from solver.cases.unit.rod import Bent
 
 # A rod that jumps later than at this fraction of the contraction might not jump as a solid: the
@@ -74,6 +74,8 @@ class RodSource:
 
     def label(self, design: Mapping[str, float]) -> Label:
         """Raises :class:`InputError` for a design that is no unit or that no rod is known for."""
+        import pandas as pd
+
         return self.label_many(pd.DataFrame([dict(design)]))[0]
 
     def label_many(self, designs: pd.DataFrame) -> list[Label]:

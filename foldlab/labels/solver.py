@@ -7,8 +7,6 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, fields, replace
 from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
-import pandas as pd
-
 from foldlab.design import FULL, DesignSpace
 from foldlab.errors import InputError
 from foldlab.labels import screening
@@ -16,7 +14,7 @@ from foldlab.labels import verdict as judging
 from foldlab.labels.asked import Conditions, Effort
 from foldlab.labels.foldability import Thresholds
 from foldlab.labels.label import Label
-from foldlab.labels.memory import forget_peak
+from foldlab.labels.memory import forget_peak, hand_back
 from foldlab.labels.rod import RodSource
 from foldlab.labels.run import Run
 from foldlab.labels.strength import Strengths, breaking, peaks
@@ -97,7 +95,9 @@ class SolverSource:
 
     def label(self, design: Mapping[str, float]) -> Label:
         """Never raises for a design that can be validated; what fails is an unknown label."""
-        return self.follow(design)[1]
+        label = self.follow(design)[1]
+        hand_back()  # what the path held, before this process waits for its next design
+        return label
 
     def follow(
         self, design: Mapping[str, float], clock: dict[str, list[float]] | None = None
@@ -108,8 +108,7 @@ class SolverSource:
         """
         from solver.equilibrium.clock import one_core
 
-        groups = self.space.validate(pd.DataFrame([dict(design)]), bounds=False)
-        groups = groups[self.space.names].iloc[0].to_dict()
+        groups = self.space.validate_one(design, bounds=False)
         with one_core():
             return self._follow(groups, clock)
 

@@ -23,15 +23,17 @@ from __future__ import annotations
 
 import time
 from collections.abc import Mapping
-from typing import Literal
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
-import pandas as pd
 
 from foldlab.design import REDUCED, DesignSpace
 from foldlab.errors import InputError
 from foldlab.labels.foldability import Thresholds
 from foldlab.labels.label import Label
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 Assumption = Literal["strip", "plane_strain", "plane_strain_isotropic", "plate"]
 ASSUMPTIONS = ("strip", "plane_strain", "plane_strain_isotropic", "plate")
@@ -104,6 +106,8 @@ class TimoshenkoSource:
             self.version = f"1-{assumption}"
 
     def label(self, design: Mapping[str, float]) -> Label:
+        import pandas as pd
+
         return self.label_many(pd.DataFrame([dict(design)]))[0]
 
     def label_many(self, designs: pd.DataFrame) -> list[Label]:

@@ -161,6 +161,23 @@ def test_validate_keeps_order_and_drops_other_columns():
     assert list(REDUCED.validate(frame).columns) == REDUCED.names
 
 
+def test_one_design_is_validated_as_a_table_of_one():
+    for design in FULL.sample(5, seed=3).to_dict("records"):
+        one = FULL.validate_one({"note": "x", **dict(reversed(design.items()))})
+        assert one == design and list(one) == FULL.names
+    out = {**design, "slenderness": 0.5}
+    assert FULL.validate_one(out, bounds=False) == out
+    for change, says in (
+        ({"slenderness": 0.5}, "outside"), ({"E_ratio": -1.0}, "must be above 0"),
+        ({"E_ratio": np.nan}, "finite"), ({"E_ratio": "soft"}, "E_ratio is 'soft'"),
+        ({"E_ratio": [1.0, 2.0]}, "plain number"), ({"E_ratio": None}, "plain number"),
+    ):  # fmt: skip
+        with pytest.raises(InputError, match=says):
+            FULL.validate_one({**design, **change})
+    with pytest.raises(InputError, match="lacks aspect; it has E_ratio, "):
+        FULL.validate_one({k: v for k, v in design.items() if k != "aspect"})
+
+
 def test_spaces_are_found_by_name_and_by_columns():
     assert space_named("full") is FULL
     assert space_of(FULL.sample(1, seed=0)) is FULL

@@ -1,10 +1,14 @@
 """Labels from the solver: what they say, what they keep, and how they end."""
 
+import ctypes
 import json
 import os
 import pickle
 import subprocess
+import sys
+import weakref
 from dataclasses import replace
+from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
@@ -16,6 +20,7 @@ from foldlab.errors import InputError
 from foldlab.labels import foldability, solver
 from foldlab.labels.asked import Conditions, Effort
 from foldlab.labels.label import LabelSource, storable
+from foldlab.labels.memory import hand_back
 from foldlab.labels.solver import SolverSource, make_source
 from foldlab.labels.strength import Strengths
 from foldlab.labels.verdict import CURVE_POINTS, Errors
@@ -85,6 +90,59 @@ def test_a_busy_neighbour_changes_no_answer():
     assert (loaded.foldable, loaded.reason) == (first.foldable, first.reason)
     for name in ("m1", "m2", "levels", "outcome"):
         assert loaded.evidence[name] == first.evidence[name]
+
+
+ALONE = """
+import json, sys
+from foldlab.campaign import worker
+from foldlab.cli import main  # as the main module of a campaign from the command line
+from foldlab.labels.asked import Effort
+from foldlab.labels.solver import SolverSource
+
+source = SolverSource(effort=Effort(accuracy=0.2, refine="never"))
+label = worker.attempt(worker.Parcel(source), json.loads(sys.argv[1]))
+assert label.foldable, label.reason
+print(*({"pandas", "pyarrow", "vtkmodules", "typer", "rich", "scipy.stats"} & set(sys.modules)))
+"""
+
+
+def test_a_label_needs_no_tables_and_no_pictures():
+    """pandas and VTK hold 100 MB in each worker."""
+    design = json.dumps(LIGHT | {"contraction": 0.05})
+    done = subprocess.run(
+        [sys.executable, "-c", ALONE, design], capture_output=True, text=True, timeout=100
+    )
+    assert (done.returncode, done.stdout.strip()) == (0, ""), done.stderr
+
+
+def test_a_label_hands_its_memory_back_when_nothing_of_the_path_is_held(monkeypatch):
+    alive, follow = [], SolverSource._follow
+
+    def followed(*args):
+        run, label = follow(*args)
+        alive.append(weakref.ref(run))
+        return run, label
+
+    told = []
+    monkeypatch.setattr(SolverSource, "_follow", followed)
+    monkeypatch.setattr(solver, "hand_back", lambda: told.append(alive[-1]()))
+    SolverSource(effort=Effort(accuracy=0.2, refine="never")).label(LIGHT | {"contraction": 0.05})
+    assert told == [None]
+
+
+@pytest.mark.skipif(not hasattr(ctypes.CDLL(None), "malloc_trim"), reason="GNU's C library only")
+def test_memory_that_lies_between_what_is_held_goes_back_to_the_system():
+    def held():
+        status = Path("/proc/self/status").read_text()
+        return int(status.split("VmRSS:")[1].split()[0]) / 1024
+
+    # Below the size from which each block is mapped, so returned, by itself.
+    blocks = [b"x" * 50_000 for _ in range(4000)]
+    kept = blocks[::40]
+    full = held()
+    del blocks
+    hand_back()
+    assert full - held() > 100 and len(kept) == 100
 
 
 def test_compiling_does_not_count(monkeypatch):
