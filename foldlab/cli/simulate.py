@@ -2,7 +2,7 @@
 
 What it writes into a folder: ``result.json`` (the label, and m1 … m4 of every state),
 ``curves.npz`` (the four curves of every state), ``series/unit.pvd`` (the whole unit, for ParaView),
-``shapes.png``, ``angle.png`` and, if asked for, ``fold.gif``.
+``shapes.png``, ``angle.png``, ``strain.png`` and, if asked for, ``fold.gif``.
 """
 
 from __future__ import annotations

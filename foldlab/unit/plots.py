@@ -16,7 +16,7 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
 from foldlab.plots import LINES, STYLE
-from foldlab.unit.render import CURVES, LAYERS
+from foldlab.unit.render import CURVES, LAYERS, STRAIN
 
 CURVE_NAMES = ("C1, along the sheet", "C2, across the hinge", "C3, edge", "C4, edge")
 
@@ -35,6 +35,28 @@ def plot_shapes(pictures: Sequence[Path], titles: Sequence[str], *, ground: bool
             ax.set_title(title, fontsize=10)
             ax.set_axis_off()
         _legend(figure, ground)
+    return figure
+
+
+def plot_strain(picture: Path, most: float, title: str) -> Figure:
+    """A rendered picture that is coloured by strain up to ``most``, with its scale."""
+    image = imread(picture)
+    with mpl.rc_context(STYLE):
+        width = 6.0
+        figure = Figure(
+            figsize=(width, width * image.shape[0] / image.shape[1] + 1.2),
+            layout="constrained",
+            dpi=200,
+        )
+        ax = figure.subplots()
+        ax.imshow(image, interpolation="antialiased")
+        ax.set_title(title, fontsize=10)
+        ax.set_axis_off()
+        scale = mpl.cm.ScalarMappable(mpl.colors.Normalize(0.0, 100 * most), STRAIN)
+        figure.colorbar(
+            scale, ax=ax, location="bottom", shrink=0.7, extend="max",
+            label="largest principal elastic strain in a cell, %",
+        )  # fmt: skip
     return figure
 
 

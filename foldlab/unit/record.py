@@ -29,7 +29,7 @@ WEIGHT = ("rho_ratio", "stiffness_to_weight")
 FRAMES = 60  # of a GIF, at most
 
 
-FILES = ("result.json", "curves.npz", "shapes.png", "angle.png", "fold.gif")
+FILES = ("result.json", "curves.npz", "shapes.png", "strain.png", "angle.png", "fold.gif")
 
 
 def complete(given: Mapping[str, float], *, heavy: bool) -> dict[str, float]:
@@ -147,7 +147,13 @@ def write_path(out: Path, run: Run) -> list[str]:
 def draw(out: Path, label: Label, run: Run, source: SolverSource, *, animate: bool) -> list[str]:
     """The pictures; says on stderr what could not be drawn."""
     from foldlab.plots import save_figure
-    from foldlab.unit.plots import plot_angles, plot_shapes, plot_side, write_animation
+    from foldlab.unit.plots import (
+        plot_angles,
+        plot_shapes,
+        plot_side,
+        plot_strain,
+        write_animation,
+    )
     from foldlab.unit.render import Request, render
 
     released = source.question == "exists"
@@ -173,12 +179,16 @@ def draw(out: Path, label: Label, run: Run, source: SolverSource, *, animate: bo
         frames = {k: Path(folder) / f"frame{k}.png" for k in film} if animate else {}
         wanted = [(k, path, 1000) for k, path in names.items()]
         wanted += [(k, path, 480) for k, path in frames.items()]
+        strained, most = Path(folder) / "strained.png", max(label.evidence["strain"].values())
+        wanted.append((last, strained, 1000))
         request = Request(
             str(out / "series" / "unit.pvd"),
             str(out / "curves.npz"),
             ground,
             label.design["slenderness"],
             [(int(k), str(path), width) for k, path, width in wanted],
+            (str(strained),),
+            most,
         )
         drawn = render(request, Path(folder))
         chosen = [titles[k] for k in three]
@@ -192,9 +202,12 @@ def draw(out: Path, label: Label, run: Run, source: SolverSource, *, animate: bo
             curves = np.stack([run.shapes[k].state.curves for k in three])
             figure = plot_side(curves, label.design, chosen, ground=ground)
         save_figure(figure, out / "shapes.png")
+        if drawn:
+            save_figure(plot_strain(strained, most, titles[last]), out / "strain.png")
         if drawn and animate:
             write_animation(out / "fold.gif", list(frames.values()), [titles[k] for k in frames])
-    return ["shapes.png", "angle.png", *(["fold.gif"] if drawn and animate else [])]
+    more = ["strain.png"] * drawn + ["fold.gif"] * (drawn and animate)
+    return ["shapes.png", "angle.png", *more]
 
 
 def _title(contraction: float, load: float, heavy: bool) -> str:

@@ -20,6 +20,7 @@ import numpy as np
 # Passive, active, ground; C1 … C4.
 LAYERS = {"passive": "#9DB4CC", "active": "#E2A33B", "ground": "#E9E7E1"}
 CURVES = ("#0B3C9C", "#B3202A", "#2E7D4F", "#7A3E9D")
+STRAIN = "viridis"
 # From the side, turned so far that the width shows.
 TOWARDS = np.array([1.0, -0.62, 0.42])
 
@@ -30,7 +31,8 @@ class Request:
 
     ``series``: PVD file; ``curves``: NPZ file with ``curves`` (states, 4, points, 3); ``ground``:
     whether there is one at z = 0. Each of ``pictures`` is (state, PNG file, width in pixels); all
-    have one camera and one scale.
+    have one camera and one scale. Those named in ``strained`` are coloured by the largest principal
+    elastic strain, by size, up to ``most``, and show no curves.
     """
 
     series: str
@@ -38,6 +40,8 @@ class Request:
     ground: bool
     slenderness: float
     pictures: list[tuple[int, str, int]]
+    strained: tuple[str, ...] = ()
+    most: float = 1.0
 
 
 def render(request: Request, folder: Path, timeout: float = 120.0) -> bool:
@@ -107,6 +111,19 @@ def draw(request: Request) -> None:
             plotter.add_mesh(floor, color=LAYERS["ground"], lighting=False)
         for number, layer in ((1, "passive"), (2, "active")):
             part = shapes[state].threshold([number, number], scalars="layer")
+            if name in request.strained:
+                part = part.copy()
+                part.cell_data["strain"] = principal(part.cell_data["F"], part.cell_data["growth"])
+                plotter.add_mesh(
+                    part.extract_surface(nonlinear_subdivision=4, algorithm="dataset_surface"),
+                    scalars="strain",
+                    clim=(0.0, request.most),
+                    cmap=STRAIN,
+                    show_scalar_bar=False,
+                    ambient=0.4,
+                    diffuse=0.6,
+                )
+                continue
             surface = part.extract_surface(nonlinear_subdivision=4, algorithm="dataset_surface")
             plotter.add_mesh(
                 surface.compute_normals(feature_angle=40, split_vertices=True),
@@ -115,7 +132,8 @@ def draw(request: Request) -> None:
                 diffuse=0.75,
                 smooth_shading=True,
             )
-        for curve, colour in zip(curves[state], CURVES, strict=True):
+        lines = [] if name in request.strained else zip(curves[state], CURVES, strict=True)
+        for curve, colour in lines:
             line = pyvista.lines_from_points(np.asarray(curve[::5], float))
             if thin:
                 plotter.add_mesh(line.tube(radius=radius), color=colour, ambient=0.5, diffuse=0.5)
@@ -131,6 +149,12 @@ def draw(request: Request) -> None:
         plotter.reset_camera_clipping_range()
         plotter.screenshot(name)
         plotter.close()
+
+
+def principal(F: np.ndarray, growth: np.ndarray) -> np.ndarray:
+    """Largest principal elastic strain |λ − 1| of each cell, from rows of F and Fg (cells, 9)."""
+    Fe = F.reshape(-1, 3, 3) @ np.linalg.inv(growth.reshape(-1, 3, 3))
+    return np.abs(np.linalg.svd(Fe, compute_uv=False) - 1).max(axis=1)
 
 
 def _frame(clouds: Sequence[np.ndarray]) -> tuple[np.ndarray, float, tuple[float, float]]:

@@ -72,7 +72,14 @@ def test_problem_p_in_numbers_files_and_pictures(simulate, tmp_path):
     assert result["design"]["hinge_width"] == 1
     for name in ("seconds", "peak_memory_mb", "unknowns", "steps", "iterations"):
         assert result[name] > 0, name
-    files = ["result.json", "curves.npz", "series/unit.pvd", "shapes.png", "angle.png"]
+    files = [
+        "result.json",
+        "curves.npz",
+        "series/unit.pvd",
+        "shapes.png",
+        "angle.png",
+        "strain.png",
+    ]
     assert result["files"] == [f"p/{name}" for name in files]
     kept = json.loads((tmp_path / "p" / "result.json").read_text())
     assert kept["label"]["evidence"]["history"][-1][1] == pytest.approx(kept["fold_angle"])
@@ -81,7 +88,7 @@ def test_problem_p_in_numbers_files_and_pictures(simulate, tmp_path):
     assert curves["curves"].shape == (result["steps"], 4, 1000, 3)
     again = foldability.measure(curves["curves"][-1], GROUPS["hinge_length"])
     assert again.m1 == pytest.approx(result["fold_angle"])
-    for name in ("shapes.png", "angle.png"):
+    for name in ("shapes.png", "angle.png", "strain.png"):
         with Image.open(tmp_path / "p" / name) as image:
             assert image.size[0] > 2000 and np.asarray(image.convert("L")).std() > 5
     check_series(tmp_path / "p" / "series" / "unit.pvd", curves)

@@ -23,9 +23,19 @@ def test_shapes_are_of_the_flat_the_half_folded_and_the_last_state(tmp_path, mon
     )
     record.draw(tmp_path, label, run, source, animate=False)
     loads = np.array([shape.load for shape in run.shapes])
-    wanted = [k for k, *_ in asked[0].pictures]
+    wanted = [k for k, name, _ in asked[0].pictures if name not in asked[0].strained]
     middle = wanted[1]
     assert wanted == [0, middle, len(loads) - 1]
     # No other state is nearer to half of the contraction.
     assert abs(loads[middle] - 0.5) == np.abs(loads - 0.5).min()
+    # The last one once more, by strain up to the peak that the label knows.
+    assert [k for k, name, _ in asked[0].pictures if name in asked[0].strained] == [wanted[-1]]
+    assert asked[0].most == max(label.evidence["strain"].values()) > 0.3
     assert len(shown[0]) == 3 and (tmp_path / "shapes.png").exists()
+
+
+def test_cells_are_coloured_by_the_elastic_strain_alone():
+    grown = np.diag([1.0, 0.7, 1.0])
+    F = np.stack([grown, np.eye(3), np.diag([1.0, 1.0, 0.9])]).reshape(3, 9)
+    growth = np.stack([grown, grown, np.eye(3)]).reshape(3, 9)
+    np.testing.assert_allclose(render.principal(F, growth), [0, 1 / 0.7 - 1, 0.1], atol=1e-12)
