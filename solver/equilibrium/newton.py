@@ -213,7 +213,7 @@ class _AtLoad:
 
     def step(self, system, solve, z, dz, longest):
         # Without a count the slope alone says whether the step goes downhill.
-        count, step = system.unstable, None
+        count, step = None if system.energy is None else system.unstable, None
         guided = count in (0, None) if self._unstable is None else self._unstable == 0
         if system.energy is not None and guided:
             if count != 0:

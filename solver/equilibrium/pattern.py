@@ -17,7 +17,7 @@ import numpy as np
 import scipy.sparse as sp
 
 from solver.equilibrium import checks
-from solver.equilibrium.linear import Factor, ScaledFactor, make_solver
+from solver.equilibrium.linear import Factor, ScaledFactor, SingularMatrix, make_solver
 from solver.mesh.body import Body, NodeGraph
 from solver.mesh.given import all_of
 from solver.physics.supports import Fixed, Held, Row
@@ -152,6 +152,7 @@ class Frame:
         self._places: dict[int, tuple[NodeGraph, np.ndarray]] = {}
         self._row_scale: np.ndarray | None = None
         self._entry_scale: np.ndarray | None = None
+        self._part: tuple | None = None  # solver of the symmetric part, where its entries stand
 
     def places(self, graph: NodeGraph | None) -> np.ndarray | None:
         """Where a term's blocks stand among the scene's; None: they are the scene's, or none."""
@@ -166,6 +167,38 @@ class Frame:
         """The factor of the matrix with these entries."""
         if not self.rows:
             return self.solver.factorise(values)
+        return ScaledFactor(self.solver.factorise(self._scaled(values)), self._row_scale)
+
+    def modes_of_symmetric_part(self, values: np.ndarray) -> int | None:
+        """Unstable modes of an unsymmetric matrix, if its symmetric part decides; None if not.
+
+        It does where it has none itself (then Re λ > 0 for all eigenvalues, by Bendixson), and
+        where it is the matrix to within roundoff, as the supports have taken up the rest.
+        """
+        p, size = self.pattern, len(self.pattern.indptr) - 1
+        if self._part is None:
+            at = sp.csr_array((np.arange(1, len(values) + 1), p.indices, p.indptr), (size, size))
+            upper, lower = sp.triu(at, format="csr"), sp.tril(at).T.tocsr()
+            upper.sort_indices()
+            lower.sort_indices()
+            solver = make_solver(
+                upper.indptr, upper.indices, symmetric=True, bordered=bool(self.rows)
+            )
+            self._part = solver, upper.data - 1, lower.data - 1
+        solver, above, below = self._part
+        values = self._scaled(values) if self.rows else values
+        symmetric, rest = values[above] + values[below], values[above] - values[below]
+        try:
+            negative = solver.factorise(symmetric / 2).negative
+        except SingularMatrix:
+            return None
+        if negative is None:
+            return None
+        modes = negative - len(self.rows)
+        decides = modes == 0 or np.abs(rest).max() <= 1e-12 * np.abs(symmetric).max()
+        return modes if decides else None
+
+    def _scaled(self, values: np.ndarray) -> np.ndarray:
         # Rows of size 1 beside a stiffness of 1e7 leave pivots that PARDISO takes for zero.
         if self._row_scale is None:
             p, size = self.pattern, len(self.pattern.indptr) - 1
@@ -175,7 +208,7 @@ class Frame:
             self._row_scale[size - len(self.rows) :] = typical / largest
             a = np.repeat(np.arange(size), np.diff(p.indptr))
             self._entry_scale = self._row_scale[a] * self._row_scale[p.indices]
-        return ScaledFactor(self.solver.factorise(values * self._entry_scale), self._row_scale)
+        return values * self._entry_scale
 
 
 def _rigid_modes(body: Body, held: Held) -> np.ndarray:

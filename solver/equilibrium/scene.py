@@ -56,6 +56,7 @@ class System:
         self.energy = energy
         self._scene = scene
         self._factor: Factor | None = None
+        self._counted: tuple[int | None] | None = None
 
     def factorise(self) -> Factor:
         """The factorised tangent; raises :class:`solver.equilibrium.linear.SingularMatrix`."""
@@ -68,8 +69,14 @@ class System:
         """Unstable modes: negative pivots less the constraint rows; None if they can't be counted.
 
         With m independent rows the bordered matrix has exactly m negative eigenvalues more than the
-        stiffness has on the states that the rows allow.
+        stiffness has on the states that the rows allow. Of a stiffness that isn't symmetric they
+        are those of its symmetric part where that decides: where it has none, or where the rest is
+        roundoff, as the supports take up what isn't symmetric.
         """
+        if not self._scene.symmetric:
+            if self._counted is None:
+                self._counted = (self._scene.frame.modes_of_symmetric_part(self.values),)
+            return self._counted[0]
         negative = self.factorise().negative
         return None if negative is None else negative - self._scene.n_rows
 

@@ -16,7 +16,7 @@ from scipy.optimize import brentq
 from solver.equilibrium.newton import Outcome, newton
 from solver.equilibrium.scene import Scene
 from solver.paths.arc import between, tangent
-from solver.paths.point import Ended, Point
+from solver.paths.point import Ended, Point, Uncounted
 from solver.paths.stability import Event, locate
 from solver.paths.steppers import Stepper
 
@@ -41,8 +41,9 @@ def load(value: float) -> Load:
 class Path:
     """Accepted points, why the path ended, and what was located on the way.
 
-    ``warnings``: what makes the answer doubtful, :class:`solver.mesh.locking.Locking`: elements too
-    stiff for the material, or for the shape that the body begins or ends with.
+    ``warnings``: what makes the answer doubtful. :class:`solver.mesh.locking.Locking`: elements too
+    stiff for the material, or for the shape that the body begins or ends with;
+    :class:`solver.paths.point.Uncounted`: points whose unstable modes are not known.
     """
 
     points: tuple[Point, ...]
@@ -170,11 +171,29 @@ def trace(
 
 
 def _warnings(scene: Scene, points: list[Point]) -> tuple[UserWarning, ...]:
-    """Locking of the shape at rest, or failing that at the end, and by the terms' materials."""
+    """Locking of the shape at rest, or failing that at the end, and by the terms' materials;
+    points whose stability is not known."""
     body = scene.body
     ends = [scene.displacement(p.x, p.e) for p in points[-1:]]
     shape = next((found for u in (None, *ends) if (found := body.locking(u))), ())
-    return (*shape, *(w for term in scene.terms for w in getattr(term, "locking", ())))
+    material = (w for term in scene.terms for w in getattr(term, "locking", ()))
+    return (*shape, *material, *_uncounted(scene, points))
+
+
+def _uncounted(scene: Scene, points: list[Point]) -> tuple[Uncounted, ...]:
+    unknown = [p.e for p in points if p.unstable is None]
+    if not unknown:
+        return ()
+    why = "the linear solver counts no pivots there"
+    if not scene.symmetric:
+        names = ", ".join(term.name for term in scene.terms if not term.symmetric)
+        why = f"the stiffness of {names} isn't symmetric; take a form with a potential"
+    return (
+        Uncounted(
+            f"unstable modes were not counted at {len(unknown)} of {len(points)} points, from "
+            f"e = {unknown[0]:.4g} on: {why}"
+        ),
+    )
 
 
 def _end(scene, before, after, located, until, gap, rtol) -> Point | Outcome | None:

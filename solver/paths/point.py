@@ -47,6 +47,11 @@ class Point:
         return ((self.e, self.x, self.tangent), *self.history)[:2]
 
 
+class Uncounted(UserWarning):
+    """Unstable modes of points of a path were not counted, so its events and its stability are
+    unknown there."""
+
+
 @dataclass(frozen=True, eq=False)
 class Ended:
     """Why a path has no next point, and what was located beyond its last one.

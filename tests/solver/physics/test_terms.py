@@ -239,7 +239,7 @@ def test_pressure_with_a_held_rim_has_a_potential():
     rim = np.unique(np.concatenate([plane.nodes for plane in planes]))
     clamped = [Fixed(rim, axis) for axis in np.eye(3)]
     prove(Pressure(body, skin, 1.5, potential="volume", fixed=clamped, origin=(5, 5, 5)), u, 0.0)
-    for wrong in ({}, {"fixed": planes[:2]}, {"fixed": planes, "origin": (0.1, 0, 0)}):
+    for wrong in ({}, {"fixed": planes[:2]}, {"fixed": planes, "origin": (0.1, 0.1, 0.1)}):
         with pytest.raises(ValueError, match=r"no potential here: .* free to move"):
             Pressure(body, skin, 1.5, potential="volume", **wrong)
 
