@@ -45,6 +45,9 @@ RIMS = {
         [(0, 1), (1, 1.5), (2, 0.8)], [(0, 0), (1, 0), (2, 0)], (0, 0, 0),
     ),
     "two parallel planes": ([(0, 1), (1, 1.5)], [(0, 0), (1, 0), (2, 0), (2, 0.8)], (0, 0, 7)),
+    "two parallel planes alone": (
+        [(0, 0), (0, 1), (1, 0), (1, 1.5)], [(2, 0), (2, 0.8)], (3, 4, 7),
+    ),
     "one of them moves": (
         [(0, 1), (1, 1.5)], [(0, 0), (1, 0), (2, 0), (2, 0.8, lambda e: e / 5)], (0, 0, 7),
     ),
@@ -66,7 +69,9 @@ def test_a_rim_in_planes_leaves_a_potential_that_is_the_follower_force(rim):
     assert at.energy == approx(1.5 * term.volume(u), rel=1e-14)
 
 
-@pytest.mark.parametrize("rim", ["two parallel planes", "one of them moves"])
+@pytest.mark.parametrize(
+    "rim", ["two parallel planes", "two parallel planes alone", "one of them moves"]
+)
 def test_the_volume_between_parallel_planes_is_that_of_the_body(rim):
     which, planes, origin = RIMS[rim]
     fixed = [plane(BODY, *p) for p in planes]
