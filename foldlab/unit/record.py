@@ -206,7 +206,7 @@ def draw(out: Path, label: Label, run: Run, source: SolverSource, *, animate: bo
             save_figure(plot_strain(strained, most, titles[last]), out / "strain.png")
         if drawn and animate:
             write_animation(out / "fold.gif", list(frames.values()), [titles[k] for k in frames])
-    more = ["strain.png"] * drawn + ["fold.gif"] * (drawn and animate)
+    more = ["strain.png"] * bool(drawn) + ["fold.gif"] * bool(drawn and animate)
     return ["shapes.png", "angle.png", *more]
 
 
