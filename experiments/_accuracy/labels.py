@@ -23,7 +23,7 @@ from foldlab.datasets import load_dataset
 from foldlab.design import FULL
 from foldlab.labels.asked import Effort
 from foldlab.labels.foldability import TAGS, Thresholds
-from foldlab.labels.screening import COARSE_ERROR, near
+from foldlab.labels.screening import COARSE_ERROR, coarse_errors, near
 from foldlab.labels.solver import SolverSource
 from foldlab.labels.store import LabelStore
 from foldlab.labels.timoshenko import TimoshenkoSource
@@ -157,10 +157,12 @@ def mixing(table: pd.DataFrame, coarse: pd.DataFrame, fine: pd.DataFrame) -> lis
     doubt = ~settled | closed | (coarse["unstable_modes"] != 0)
     doubt |= coarse["events"].astype(str).str.contains(ODD)
     rows = []
+    t = Thresholds()
     for band in (0.0, 0.05, COARSE_ERROR, 0.3, np.inf):
         crosses = [
-            bool(near(row, row["contraction"], Thresholds(), band)) or not np.isfinite(band)
+            bool(near(row, g, t, coarse_errors(row["m1"], g, t, band))) or not np.isfinite(band)
             for row in coarse.to_dict("records")
+            for g in [row["contraction"]]
         ]
         refined = doubt | np.array(crosses)
         answer = cheap.where(~refined, truth)

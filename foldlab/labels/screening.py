@@ -24,10 +24,12 @@ LARGEST_SLENDERNESS = 3e-2
 """h_s/l_s up to which both were measured."""
 
 
-def coarse_errors(m1: float, contraction: float, thresholds: Thresholds) -> tuple[float, float]:
+def coarse_errors(
+    m1: float, contraction: float, thresholds: Thresholds, error: float = COARSE_ERROR
+) -> tuple[float, float]:
     """Bounds of the errors of m1 and m2 on the coarsest mesh, in rad."""
     scale = float(thresholds.scale(m1, contraction))
-    return COARSE_ERROR * scale, COARSE_ERROR * float(thresholds.angle(contraction))
+    return error * scale, error * float(thresholds.angle(contraction))
 
 
 def near(
