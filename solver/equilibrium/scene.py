@@ -23,13 +23,8 @@ from solver.equilibrium.pattern import Frame
 from solver.mesh.body import Body, NodeGraph
 from solver.mesh.given import number, one_of
 from solver.physics.fields import Unphysical
-from solver.physics.supports import Fixed, Row, rotation_row, translation_row
+from solver.physics.supports import Fixed, Row
 from solver.physics.term import Evaluation, Term
-
-__all__ = [
-    "Evaluation", "Fixed", "Row", "Scales", "Scene", "System", "Term", "rotation_row",
-    "translation_row",
-]  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -261,7 +256,7 @@ class Scene:
         return None if lo is None or hi is None else (hi - lo) / (2 * step)
 
     def longest_step(self, x: np.ndarray, dx: np.ndarray, e: float) -> float:
-        """Share of dx (at most 1) that every barrier admits."""
+        """Fraction of dx (at most 1) that every barrier admits."""
         steps = [
             term.longest_step(self.displacement(x, e), self.step_displacement(dx))
             for term in self.terms

@@ -57,8 +57,8 @@ def _geometry(mesh: skfem.Mesh, element: str) -> skfem.Mesh:
         at = mesh.elem().doflocs
         serendipity = skfem.ElementHexS2()
         for a in range(20, 27):
-            shares = [serendipity.lbasis(at[a][:, None], b)[0].item() for b in range(20)]
-            X[:, dofs[a]] = np.einsum("b,ibm->im", shares, mesh.doflocs[:, dofs[:20]])
+            values = [serendipity.lbasis(at[a][:, None], b)[0].item() for b in range(20)]
+            X[:, dofs[a]] = np.einsum("b,ibm->im", values, mesh.doflocs[:, dofs[:20]])
         return replace(mesh, doflocs=X)
     kind = skfem.MeshHex1 if hexes else skfem.MeshTet1
     corners = np.ascontiguousarray(mesh.doflocs[:, : mesh.nvertices])
@@ -265,10 +265,10 @@ class Body:
 
     def node_volumes(self, density: np.ndarray | float = 1.0) -> np.ndarray:
         """∫ ρ N_a dV for every node, (n,); ``density`` broadcasts to (m, q)."""
-        share = np.einsum(
+        parts = np.einsum(
             "mq,qk->mk", np.broadcast_to(density, self.weights.shape) * self.weights, self.shapes
         )
-        return np.bincount(self.cells.ravel(), share.ravel(), minlength=len(self.nodes))
+        return np.bincount(self.cells.ravel(), parts.ravel(), minlength=len(self.nodes))
 
     def nodes_of(self, boundary: str) -> np.ndarray:
         """Nodes on a named boundary, mid-edge and mid-face nodes included.

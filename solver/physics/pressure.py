@@ -240,10 +240,10 @@ class Pressure:
         along = [np.outer(d, d) for d in np.vstack([planes, across])]
         bad = None
         for M in (np.eye(3) / 3, *((np.eye(3) - dd) / 2 for dd in along), *along):
-            found = np.flatnonzero(off(M) > 1e-9 * np.abs(follower).max())
-            if not len(found):
+            wrong = np.flatnonzero(off(M) > 1e-9 * np.abs(follower).max())
+            if not len(wrong):
                 return M
-            bad = found if bad is None or len(found) < len(bad) else bad
+            bad = wrong if bad is None or len(wrong) < len(bad) else bad
         x, y, z = self.body.nodes[bad[0]]
         raise ValueError(
             f"pressure has no potential here: {len(bad)} nodes of the surface's rim are free "

@@ -219,7 +219,7 @@ def rotation_row(
 
 
 def _sight(row: Row, positions: np.ndarray) -> float:
-    """Share of a rotation of a body at ``positions`` (nodes, 3) that a row sees, up to 1."""
+    """Fraction of a rotation of a body at ``positions`` (nodes, 3) that a row sees, up to 1."""
     axis = "xyz".index(row.name[-1])
     turn = np.cross(np.eye(3)[axis], positions - positions.mean(axis=0))
     c = row.coefficients
