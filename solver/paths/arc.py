@@ -179,6 +179,10 @@ def extrapolate(nodes: list[tuple[float, np.ndarray, np.ndarray]], s: float) -> 
     return out
 
 
+class NotFollowed(ArithmeticError):
+    """The path between two of its points could not be followed to where it was asked for."""
+
+
 def between(
     scene: Scene,
     before: Point,

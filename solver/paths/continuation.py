@@ -9,14 +9,15 @@ from __future__ import annotations
 
 from collections.abc import Callable, Generator
 from dataclasses import dataclass, replace
+from itertools import pairwise
 
 import numpy as np
 from scipy.optimize import brentq
 
 from solver.equilibrium.newton import Outcome, newton
 from solver.equilibrium.scene import Scene
-from solver.paths.arc import between, tangent
-from solver.paths.point import Ended, Point, Uncounted
+from solver.paths.arc import NotFollowed, between, tangent
+from solver.paths.point import Ended, Point, Uncounted, Unlocated
 from solver.paths.stability import Event, locate
 from solver.paths.steppers import Stepper
 
@@ -43,7 +44,8 @@ class Path:
 
     ``warnings``: what makes the answer doubtful. :class:`solver.mesh.locking.Locking`: elements too
     stiff for the material, or for the shape that the body begins or ends with;
-    :class:`solver.paths.point.Uncounted`: points whose unstable modes are not known.
+    :class:`solver.paths.point.Uncounted`: points whose unstable modes are not known;
+    :class:`solver.paths.point.Unlocated`: fold or branch points that were passed unseen.
     """
 
     points: tuple[Point, ...]
@@ -167,7 +169,10 @@ def trace(
             own = points[1:] if isinstance(start, Point) else points
             found = tuple(ev for p in own for ev in p.events)
             events = found + stop.value.events
-            return Path(tuple(points), stop.value.outcome, events, _warnings(scene, points))
+            warnings = _warnings(scene, points)
+            if options.get("events", True):
+                warnings += _unlocated(points)
+            return Path(tuple(points), stop.value.outcome, events, warnings)
 
 
 def _warnings(scene: Scene, points: list[Point]) -> tuple[UserWarning, ...]:
@@ -194,6 +199,36 @@ def _uncounted(scene: Scene, points: list[Point]) -> tuple[Uncounted, ...]:
             f"e = {unknown[0]:.4g} on: {why}"
         ),
     )
+
+
+def _unlocated(points: list[Point]) -> tuple[Unlocated, ...]:
+    passed = [(p.e, q.e) for p, q in pairwise(points) if _unexplained(p, q)]
+    if not passed:
+        return ()
+    steps = ", ".join(f"{a:.6g} and {b:.6g}" for a, b in passed[:3])
+    more = f", and in {len(passed) - 3} steps more" if len(passed) > 3 else ""
+    return (
+        Unlocated(
+            "stability or the direction of the load changed, and no fold or branch point was "
+            f"located, between e = {steps}{more}: the path between could not be followed; take "
+            "smaller steps there"
+        ),
+    )
+
+
+def _unexplained(before: Point, after: Point) -> bool:
+    """Whether more changed between two points than the events between them say."""
+    kinds = [ev.kind for ev in after.events]
+    if not {"fold", "branch"}.issuperset(kinds):
+        return False  # a fall, to wherever it led
+    turned = before.tangent[-1] * after.tangent[-1] < 0
+    if turned != (kinds.count("fold") % 2 == 1):
+        return True
+    counts = [(before.unstable, after.unstable), *(ev.unstable for ev in after.events)]
+    if any(None in pair for pair in counts):
+        return False
+    change, *located = (b - a for a, b in counts)
+    return change != sum(located)
 
 
 def _end(scene, before, after, located, until, gap, rtol) -> Point | Outcome | None:
@@ -235,7 +270,7 @@ def _land(scene, before, after, until, rtol) -> Point | Outcome:
             return until(before if share == 0 else after)
         made = between(scene, before, after, share, rtol=rtol)
         if made is None:
-            raise ArithmeticError
+            raise NotFollowed(f"no equilibrium was found at {share:.3g} of the step")
         last = made[0]
         spent += last.iterations
         return until(last)
@@ -244,7 +279,7 @@ def _land(scene, before, after, until, rtol) -> Point | Outcome:
         # A load is met exactly by Newton afterwards.
         near = 1e-3 if isinstance(until, Load) else 1e-12
         value(brentq(value, 0.0, 1.0, xtol=near, rtol=1e-12))
-    except (ArithmeticError, RuntimeError):
+    except (NotFollowed, RuntimeError):
         return Outcome.NOT_CONVERGED
     if isinstance(until, Load):
         exact = newton(scene, last.x, until.value, rtol=rtol, max_iterations=20)

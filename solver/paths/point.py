@@ -52,6 +52,11 @@ class Uncounted(UserWarning):
     unknown there."""
 
 
+class Unlocated(UserWarning):
+    """Stability or the direction of the load changed between two points of a path, and the fold or
+    branch point there was not located."""
+
+
 @dataclass(frozen=True, eq=False)
 class Ended:
     """Why a path has no next point, and what was located beyond its last one.

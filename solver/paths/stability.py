@@ -17,7 +17,7 @@ from solver.equilibrium.descent import critical_mode
 from solver.equilibrium.linear import SingularMatrix
 from solver.equilibrium.newton import Outcome, largest
 from solver.equilibrium.scene import Scene
-from solver.paths.arc import Plane, between, correct, tangent
+from solver.paths.arc import NotFollowed, Plane, between, correct, tangent
 from solver.paths.point import Point, displacement_size
 
 # Width of the final bracket of an event, as a share of the step that contains it.
@@ -108,26 +108,30 @@ def _search(scene, before, after, low: _Probe, high: _Probe, rtol) -> list[Event
 
     seen = {low.share: low, high.share: high}
 
-    def at(share):
+    def probed(share):
         if share not in seen:
             seen[share] = _probe(scene, before, after, share, rtol)
-        if seen[share] is None:
-            raise ArithmeticError
         return seen[share]
+
+    def at(share):
+        probe = probed(share)
+        if probe is None:
+            raise NotFollowed(f"no equilibrium was found at {share:.3g} of the step")
+        return probe
 
     def bounded(share):
         probe = at(share)
         if probe.value is None and share in (low.share, high.share) and not fold:
             # The ends come without their mode; a size like the neighbour's keeps the secant sane.
-            middle = at(0.5 * (low.share + high.share))
-            size = abs(middle.value) if middle.value is not None else 1.0
+            middle = probed(0.5 * (low.share + high.share))
+            size = 1.0 if middle is None or middle.value is None else abs(middle.value)
             return size if probe.point.unstable == first else -size
         return gap(probe)
 
     left = right = None
     try:
         root = brentq(bounded, low.share, high.share, xtol=RESOLUTION / 4, rtol=1e-12)
-    except (ArithmeticError, RuntimeError):
+    except (NotFollowed, RuntimeError):
         # Close to a singular point a thin structure's corrections may not settle: then it is where
         # they don't.
         root = next((share for share, p in reversed(seen.items()) if p is None), None)
@@ -142,7 +146,7 @@ def _search(scene, before, after, low: _Probe, high: _Probe, rtol) -> list[Event
             if right is None:
                 probe = at(min(root + half, high.share))
                 right = probe if gap(probe) * bounded(high.share) > 0 else None
-        except ArithmeticError:
+        except NotFollowed:
             pass
         half *= 3
     if left is None or right is None:
