@@ -157,6 +157,7 @@ class SolverSource:
             accuracy=self.effort.accuracy,
             levels=levels,
             coarse=coarse,
+            before=before,
         )
         if run.history:
             evidence |= self._peaks(run, None if run.closed else before)

@@ -81,6 +81,7 @@ def summary(label: Label, run: Run, source: SolverSource) -> dict[str, Any]:
         "stress": e.get("stress"),
         "interface": e.get("interface"),
         "peak_errors": e.get("peak_errors"),
+        "alternatives": e.get("alternatives", []),
         # over h_s, None without a ground
         "rest_gap": e.get("rest_gap"),
         "penetration": e.get("penetration"),

@@ -27,16 +27,18 @@ def a_run(*, ending=Ending.REACHED, closed=False, heavy=True, states=True, **mea
     state = SimpleNamespace(topples=False, curves=np.zeros((4, 1000, 3)))
     folding = SimpleNamespace(
         ending=ending, detail=ending.value, happenings=(), last=state, states=(state,),
-        iterations=1, model=SimpleNamespace(heavy=heavy, scene=SimpleNamespace(size=1)),
+        iterations=1, model=SimpleNamespace(
+            heavy=heavy, scene=SimpleNamespace(size=1), unit=SimpleNamespace(contraction=0.3)
+        ),
     )  # fmt: skip
     return Run(folding, [row] if states else [], closed, [])
 
 
-def judged(run, error, *, limits=LIMITS, **changed):
+def judged(run, error, *, limits=LIMITS, before=None, **changed):
     design = DESIGN | changed
     errors = Errors(error, error) if isinstance(error, float) else error
     foldable, reason, evidence = judge(
-        design, run, errors, limits, accuracy=0.02, levels=2, coarse=False
+        design, run, errors, limits, accuracy=0.02, levels=2, coarse=False, before=before
     )
     return foldable, evidence["outcome"], reason
 
@@ -119,6 +121,25 @@ def test_a_fold_by_the_ends_of_the_active_layer_is_told():
     ends = a_run(m1=1.2, turning_hinge=0.1, turning_ends=1.1)
     assert "the hinge bends by 0.1 rad only" in judged(ends, 0.01)[2]
     assert "only" not in judged(a_run(m1=1.2, turning_hinge=0.9, turning_ends=0.3), 0.01)[2]
+
+
+@pytest.mark.parametrize(
+    "other, this, error, agreed",
+    [
+        (2.0, 4.0, 1.0, True),
+        (0.1, 0.5, 1.0, True),
+        (1.05 * ALPHA, 4.0, 1.0, False),  # one of them may not fold after all
+        (2.0, 1.1 * ALPHA, 1.0, False),
+        (0.1, 2.0, 1.0, False),
+        (1.25 * ALPHA, 1.2 * ALPHA, 0.2, False),  # the mesh may explain it, and the next go on
+    ],
+)
+def test_branches_that_agree_on_the_verdict_are_told_with_it(other, this, error, agreed):
+    foldable, _, reason = judged(a_run(m1=this), error, before=a_run(m1=other))
+    assert foldable is ((this > ALPHA) if agreed else None)
+    assert agreed == ("took another branch" in reason)
+    lost = a_run(m1=other, ending=Ending.LOST)
+    assert judged(a_run(m1=this), error, before=lost)[0] is None
 
 
 def test_a_closed_path_is_resolved_whatever_its_error():
