@@ -247,7 +247,11 @@ def rows(result: Mapping[str, Any], t: Thresholds) -> list[dict]:
 def readable(result: Mapping[str, Any]) -> dict[str, Any]:
     """The summary with lists as text, and without what the table of measures shows."""
     events = [f"{e['kind']} at {100 * e['contraction']:.3g} %" for e in result["events"]]
-    lists = {"events": events, "effects": result["effects"], "files": result["files"]}
+    others = [f"{a['m1']:.3g} rad ({a['how']})" for a in result["alternatives"]]
+    lists = {
+        "events": events, "alternatives": others, "effects": result["effects"],
+        "files": result["files"],
+    }  # fmt: skip
     out = {**result, **{name: ", ".join(items) or "none" for name, items in lists.items()}}
     # Peaks in a line each, with their errors.
     peaks, errors = ("strain", "stress", "interface"), out.pop("peak_errors") or {}
