@@ -246,7 +246,11 @@ def rows(result: Mapping[str, Any], t: Thresholds) -> list[dict]:
 
 def readable(result: Mapping[str, Any]) -> dict[str, Any]:
     """The summary with lists as text, and without what the table of measures shows."""
-    events = [f"{e['kind']} at {100 * e['contraction']:.3g} %" for e in result["events"]]
+    events = [
+        f"{e['kind']} at {100 * e.get('release', e['contraction']):.3g} %"
+        + (" of the release" if "release" in e else "")
+        for e in result["events"]
+    ]
     others = [f"{a['m1']:.3g} rad ({a['how']})" for a in result["alternatives"]]
     lists = {
         "events": events, "alternatives": others, "effects": result["effects"],

@@ -255,6 +255,7 @@ class SolverSource:
             )
             folding = unit_path.fold(model, start, stop=closed, noise=noise, on_state=seen, **steps)
             for row in history[before:]:
+                row["release"] = row["contraction"] / unit.contraction
                 row["contraction"] = unit.contraction
         return Run(folding, history, folding.ending is unit_path.Ending.STOPPED, shapes)
 
@@ -286,7 +287,7 @@ class SolverSource:
             return None
         row = judging.row_of(finer.last, finer.model.unit)
         before = run.history[-2 if run.closed else -1]
-        row["contraction"] = before["contraction"]
+        row |= {name: before[name] for name in ("contraction", "release") if name in before}
         scale = max(float(self.thresholds.scale(row["m1"], before["contraction"])), 1e-9)
         off = judging.Errors(*(abs(row[m] - before[m]) / scale for m in ("m1", "m2")))
         if run.closed:

@@ -170,9 +170,12 @@ def _events(run: Run, design, thresholds) -> list[dict]:
     events = find_events(run.history, design["contraction"], thresholds)
     for h in run.folding.happenings:
         events.append({"kind": h.kind, "contraction": float(h.e) * design["contraction"]})
+        if run.folding.model.growth == "release":
+            # The load is that of the release, at the full contraction.
+            events[-1] |= {"contraction": design["contraction"], "release": float(h.e)}
         if h.size:
             events[-1]["size"] = float(h.size)
-    return sorted(events, key=lambda event: event["contraction"])
+    return sorted(events, key=lambda event: (event["contraction"], event.get("release", 0.0)))
 
 
 def row_of(state, unit) -> dict[str, float]:
@@ -242,10 +245,12 @@ def verdict(
     the panels' ends over h_s).
     """
     last, need = history[-1], thresholds.angle(design["contraction"])
-    when = {event["kind"]: event["contraction"] for event in reversed(list(events))}
+    when = {event["kind"]: event for event in reversed(list(events))}
 
     def percent(kind):
-        return f"at {100 * when[kind]:.3g} % contraction"
+        if "release" in when[kind]:
+            return f"at {100 * when[kind]['release']:.3g} % of the release"
+        return f"at {100 * when[kind]['contraction']:.3g} % contraction"
 
     if all(tags.values()):
         if closed:
@@ -276,6 +281,15 @@ def verdict(
         )
     if not tags["F1"]:
         gamma = design.get("stiffness_to_weight")
+        if "tip" in last and "lift-off" not in when and not tags["F2"]:
+            return (
+                False,
+                "curled",
+                (
+                    f"the hinge curled about the other axis {percent('curling')}, and the panels "
+                    "never left the ground"
+                ),
+            )
         if "tip" in last and "lift-off" not in when:
             least = lift_off_stiffness(design)
             advice = (
@@ -321,7 +335,7 @@ def find_events(
 ) -> list[dict]:
     """Lift-off, contact, curling and warping, each where it set in to stay.
 
-    As {kind, contraction}.
+    As {kind, contraction}, with the part of a ``release`` where one follows the contraction.
     """
     most = thresholds.most_across(contraction)
     seen = {
@@ -336,5 +350,8 @@ def find_events(
     for kind, values in seen.items():
         first = since(values)
         if first is not None:
-            events.append({"kind": kind, "contraction": float(history[first]["contraction"])})
+            row = history[first]
+            events.append({"kind": kind, "contraction": float(row["contraction"])})
+            if "release" in row:
+                events[-1]["release"] = float(row["release"])
     return events

@@ -364,3 +364,16 @@ def test_what_counts_as_folded_may_be_given_in_rad():
         label = make_source("solver", {"effects": "none", "need": need}).label(LIGHT)
         assert label.foldable is folds and f"{need:.3g} rad" in label.reason
         assert label.evidence["need"] == need
+
+
+def test_the_dissertations_first_row_folds_where_contraction_is_along_the_sheet():
+    """Table 4.2, row 1, printed foldable; its §4.3.2 contracts in all directions, which curls."""
+    row = {
+        "E_ratio": 0.1, "rho_ratio": 0.1, "hinge_length": 0.25, "hinge_width": 1.0, "h_ratio": 0.2,
+        "stiffness_to_weight": 0.4, "aspect": 0.2, "slenderness": 4e-3, "contraction": 0.4,
+    }  # fmt: skip
+    label = SolverSource().label(row)
+    assert label.foldable and label.evidence["m1"] == pytest.approx(3.84, rel=0.01)
+    isotropic = make_source("solver", {"growth": "isotropic", "accuracy": 0.1}).label(row)
+    assert (isotropic.foldable, isotropic.evidence["outcome"]) == (False, "curled")
+    assert "never left the ground" in isotropic.reason

@@ -9,7 +9,7 @@ from foldlab.errors import InputError
 from foldlab.labels.foldability import Thresholds
 from foldlab.labels.run import Run
 from foldlab.labels.verdict import Errors, difference, judge
-from solver.cases.unit.path import Ending
+from solver.cases.unit.path import Ending, Happening
 
 LIMITS = Thresholds()
 DESIGN = {
@@ -19,16 +19,20 @@ DESIGN = {
 ALPHA = 0.3 * np.pi
 
 
-def a_run(*, ending=Ending.REACHED, closed=False, heavy=True, states=True, **measures):
+def a_run(
+    *, ending=Ending.REACHED, closed=False, heavy=True, states=True, happenings=(),
+    growth="uniaxial", **measures,
+):  # fmt: skip
     """A path of one state, or of none, that the solver need not find."""
     row = {"contraction": 0.3, "m1": 0.0, "m2": 0.0, "m3": 1.0, "m4": 1.0, "hinge": 0.0}
     row |= {"turning_hinge": 0.0, "turning_ends": 0.0}
     row |= {"unstable": 0, **measures}
     state = SimpleNamespace(topples=False, curves=np.zeros((4, 1000, 3)))
     folding = SimpleNamespace(
-        ending=ending, detail=ending.value, happenings=(), last=state, states=(state,),
+        ending=ending, detail=ending.value, happenings=happenings, last=state, states=(state,),
         iterations=1, model=SimpleNamespace(
-            heavy=heavy, scene=SimpleNamespace(size=1), unit=SimpleNamespace(contraction=0.3)
+            heavy=heavy, growth=growth, scene=SimpleNamespace(size=1),
+            unit=SimpleNamespace(contraction=0.3),
         ),
     )  # fmt: skip
     return Run(folding, [row] if states else [], closed, [])
@@ -183,3 +187,30 @@ def test_a_burden_beyond_the_modulus_is_named_and_is_no_verdict():
 )
 def test_weight_is_named_only_where_it_may_be_the_reason(run, error, says):
     assert ("its modulus" in judged(run, error, **SOFT, stiffness_to_weight=0.01)[2]) == says
+
+
+# -- what came first, and when -------------------------------------------------------------------
+
+
+def test_curling_is_not_hidden_by_panels_that_stay_on_the_ground():
+    curled = {"m1": 0.1, "m2": 0.9, "tip": 0.1, "lowest": 0.1}
+    foldable, outcome, reason = judged(a_run(**curled), 0.01)
+    assert (foldable, outcome) == (False, "curled")
+    assert "curled about the other axis at 30 % contraction" in reason and "the ground" in reason
+    assert judged(a_run(**curled | {"m2": 0.1}), 0.01)[1] == "grounded"
+
+
+def test_events_of_a_release_are_dated_by_the_release():
+    happenings = (Happening("snap", 0.4), Happening("twisting", 0.2))
+    run = a_run(m1=2.0, m2=1.0, growth="release", release=0.9, happenings=happenings)
+    _, _, evidence = judge(
+        DESIGN, run, Errors(0.01, 0.01), LIMITS, accuracy=0.02, levels=2, coarse=False
+    )
+    dated = [(e["kind"], e["contraction"], e["release"]) for e in evidence["events"]]
+    assert dated == [("twisting", 0.3, 0.2), ("snap", 0.3, 0.4), ("curling", 0.3, 0.9)]
+    assert judged(run, 0.01)[2].endswith("at 90 % of the release")
+    before = a_run(m1=2.0, happenings=happenings[:1])
+    _, _, evidence = judge(
+        DESIGN, before, Errors(0.01, 0.01), LIMITS, accuracy=0.02, levels=2, coarse=False
+    )
+    assert evidence["events"] == [{"kind": "snap", "contraction": pytest.approx(0.12)}]
