@@ -13,6 +13,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+import numba
 import numpy as np
 import scipy.sparse as sp
 
@@ -46,44 +47,18 @@ class Pattern:
     def of(cls, graph: NodeGraph, held: Held, C: sp.csr_array, symmetric: bool) -> Pattern:
         """The pattern for blocks on a graph and rows C (rows, 3 nodes) in the nodes' frames."""
         n_free, n_rows = len(held.index), C.shape[0]
-        size = n_free + n_rows
         number = np.full(C.shape[1], -1)
         number[held.index] = np.arange(n_free)
-        a = np.repeat(np.arange(graph.n), np.diff(graph.indptr))
-        b = graph.indices.astype(np.int64)
-        rows = number[(3 * a[:, None] + np.arange(3))][:, :, None]
-        cols = number[(3 * b[:, None] + np.arange(3))][:, None, :]
-        rows, cols = (m.ravel() for m in np.broadcast_arrays(rows, cols))
-        keep = (rows >= 0) & (cols >= 0)
-        if symmetric:
-            keep &= rows <= cols
-        source = np.flatnonzero(keep)
-        rows, cols = rows[source], cols[source]
-        tail = np.zeros(0)
-        if n_rows:
-            free = C[:, held.index].tocoo()
-            k, j, values = free.row, free.col, free.data
-            lower = np.arange(n_free, size)
-            # The zero block needs its diagonal: PARDISO wants every diagonal entry to be there.
-            blocks = [(j, n_free + k, values), (lower, lower, np.zeros(n_rows))]
-            if not symmetric:
-                blocks.append((n_free + k, j, values))
-            rows = np.concatenate([rows, *(block[0] for block in blocks)])
-            cols = np.concatenate([cols, *(block[1] for block in blocks)])
-            tail = np.concatenate([block[2] for block in blocks])
-        order = np.lexsort((cols, rows))
-        counts = np.bincount(rows, minlength=size)
-        # One gather does the selection and the order together.
-        place = np.concatenate([source, 9 * graph.blocks + np.arange(len(tail))])
-        return cls(
-            graph=graph,
-            held=held,
-            indptr=np.concatenate([[0], np.cumsum(counts)]),
-            indices=cols[order].astype(np.int32),
-            diagonal=np.flatnonzero((rows == cols)[order])[:n_free],
-            index=place[order],
-            tail=tail,
-        )
+        free = sp.csr_array(C[:, held.index])
+        along = sp.csr_array(free.T)
+        along.sort_indices()
+        tail = np.concatenate([along.data, free.data, [0.0]]) if n_rows else np.zeros(0)
+        indptr, indices, index, diagonal = _entries(
+            graph.indptr, graph.indices, number, n_free, n_rows, symmetric,
+            along.indptr.astype(np.int64), along.indices.astype(np.int64),
+            free.indptr.astype(np.int64), free.indices.astype(np.int64),
+        )  # fmt: skip
+        return cls(graph, held, indptr, indices, diagonal, index, tail)
 
     def gather(self, blocks: np.ndarray) -> np.ndarray:
         """The matrix's entries (entries,) from blocks (blocks, 3, 3) in the common frame."""
@@ -105,6 +80,48 @@ class Pattern:
             "nji,njk,nkl->nil", held.frames[a[hit]], blocks[hit], held.frames[g.indices[hit]]
         )
         return out
+
+
+@numba.njit(cache=True)
+def _entries(
+    starts, nodes, number, n_free, n_rows, symmetric, along, along_rows, free, free_columns
+):
+    """Row by row: the free entries of the blocks, then those of the rows, which stand behind."""
+    blocks = len(nodes)
+    most = 9 * blocks + 2 * len(along_rows) + n_rows
+    indptr = np.zeros(n_free + n_rows + 1, np.int64)
+    indices, index = np.empty(most, np.int32), np.empty(most, np.int64)
+    diagonal = np.empty(n_free, np.int64)
+    at = row = 0
+    for a in range(len(starts) - 1):
+        for i in range(3):
+            if number[3 * a + i] < 0:
+                continue
+            for block in range(starts[a], starts[a + 1]):
+                for j in range(3):
+                    column = number[3 * nodes[block] + j]
+                    if column < 0 or (symmetric and column < row):
+                        continue
+                    if column == row:
+                        diagonal[row] = at
+                    indices[at], index[at] = column, 9 * block + 3 * i + j
+                    at += 1
+            for k in range(along[row], along[row + 1]):
+                indices[at], index[at] = n_free + along_rows[k], 9 * blocks + k
+                at += 1
+            row += 1
+            indptr[row] = at
+    values = 9 * blocks + len(along_rows)
+    for r in range(n_rows):
+        if not symmetric:
+            for k in range(free[r], free[r + 1]):
+                indices[at], index[at] = free_columns[k], values + k
+                at += 1
+        # The zero block needs its diagonal: PARDISO wants every diagonal entry to be there.
+        indices[at], index[at] = n_free + r, values + len(free_columns)
+        at += 1
+        indptr[n_free + r + 1] = at
+    return indptr, indices[:at].copy(), index[:at].copy(), diagonal
 
 
 class Frame:
@@ -138,8 +155,7 @@ class Frame:
         checks.refuse_rows(self.rows, self.C, self.C_free)
         self.symmetric = all(term.symmetric for term in terms)
         graphs = [term.graph for term in terms if term.graph is not None]
-        one = all(g is graphs[0] for g in graphs)
-        graph = graphs[0] if one else NodeGraph.union(graphs)
+        graph = NodeGraph.union(graphs)
         self.pattern = Pattern.of(graph, self.held, self.C, self.symmetric)
         self.solver = make_solver(
             self.pattern.indptr,

@@ -200,8 +200,8 @@ class Scene:
             if order < 2 or part.stiffness is None:
                 continue
             if blocks is None and where is None:
-                # Most scenes have one stiff term: its array is the sum, but not ours to change.
-                blocks = part.stiffness
+                # Most scenes have one stiff term: its array is the sum.
+                blocks, own = part.stiffness, part.own
                 continue
             if not own:
                 empty = np.zeros((self.graph.blocks, 3, 3))

@@ -17,7 +17,7 @@ import scipy.sparse as sp
 import skfem
 from skfem.quadrature import get_quadrature
 
-from solver.mesh import checks, locking
+from solver.mesh import checks, interpolation, locking
 from solver.mesh.given import mask, numbers
 
 # name: (scikit-fem element, quadrature order). hex20 is the reduced one, with 2 × 2 × 2 points.
@@ -90,9 +90,12 @@ class NodeGraph:
 
     def find(self, other: NodeGraph) -> np.ndarray:
         """Where each block of ``other``, a part of this graph, stands in this one."""
-        rows = np.repeat(np.arange(other.n), np.diff(other.indptr))
-        mine = np.repeat(np.arange(self.n), np.diff(self.indptr)) * self.n + self.indices
-        return np.searchsorted(mine, rows * self.n + other.indices)
+        return np.searchsorted(self._keys, other._keys)
+
+    @cached_property
+    def _keys(self) -> np.ndarray:
+        """One rising number per block."""
+        return np.repeat(np.arange(self.n), np.diff(self.indptr)) * self.n + self.indices
 
     @classmethod
     def of(cls, n: int, *connectivities: np.ndarray) -> NodeGraph:
@@ -106,7 +109,10 @@ class NodeGraph:
 
     @classmethod
     def union(cls, graphs) -> NodeGraph:
-        """The blocks of all of them."""
+        """The blocks of all of them; one of them itself where it has all."""
+        most = max(graphs, key=lambda g: g.blocks)
+        if all(g is most or np.isin(g._keys, most._keys).all() for g in graphs):
+            return most
         rows = [np.repeat(np.arange(g.n), np.diff(g.indptr)) for g in graphs]
         cols = [g.indices for g in graphs]
         return cls._from_pairs(graphs[0].n, np.concatenate(rows), np.concatenate(cols))
@@ -294,39 +300,7 @@ class Body:
 
         Raises ValueError for a position outside of the body.
         """
-        points = numbers("points", points)
-        if points.ndim != 2 or points.shape[1] != 3 or not np.isfinite(points).all():
-            raise ValueError(f"points of shape {points.shape}; expected finite positions (p, 3)")
-        # Of straight cells the map to the reference cell is affine. scikit-fem's own search loses
-        # points in cells a thousand times longer than thick, and in quadratic meshes.
-        corners = np.moveaxis(self.mesh.p[:, self.mesh.t], -1, 0)  # (m, 3, corners)
-        tets = self.element.startswith("tet")
-        if tets:
-            origin = corners[:, :, 0]
-            axes = corners[:, :, 1:] - origin[:, :, None]
-            volume = np.abs(np.linalg.det(axes)) / 6
-        else:
-            origin = corners.min(axis=2)
-            size = corners.max(axis=2) - origin
-            axes = size[:, :, None] * np.eye(3)
-            volume = size.prod(axis=1)
-        if not np.allclose(self.weights.sum(axis=1), volume, rtol=1e-6):
-            return sp.csr_array(self.basis.probes(points.T))
-        inverse = np.linalg.inv(axes)
-        cell, local = np.empty(len(points), int), np.empty(points.shape)
-        for k, at in enumerate(points):
-            X = np.einsum("mij,mj->mi", inverse, at - origin)
-            out = np.maximum(-X.min(axis=1), (X.sum(axis=1) if tets else X.max(axis=1)) - 1)
-            cell[k] = out.argmin()
-            if out[cell[k]] > 1e-6:
-                raise ValueError(f"the point {tuple(at)} is outside of the body")
-            local[k] = X[cell[k]]
-        local = np.clip(local, 0, 1).T
-        element = ELEMENTS[self.element][0]()
-        values = np.stack([element.lbasis(local, a)[0] for a in range(self.cells.shape[1])], 1)
-        rows = np.repeat(np.arange(len(points)), values.shape[1])
-        shape = (len(points), len(self.nodes))
-        return sp.csr_array((values.ravel(), (rows, self.cells[cell].ravel())), shape=shape)
+        return interpolation.matrix(self, points)
 
     def _named(self, boundary: str) -> np.ndarray:
         names = self.mesh.boundaries or {}

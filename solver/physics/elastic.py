@@ -131,4 +131,4 @@ class Elastic:
                 add_stiffness(ids, body.positions, body.weights, J, G, A, blocks)
         if not np.isfinite(energy):
             return Evaluation(np.inf)
-        return Evaluation(energy, force, blocks)
+        return Evaluation(energy, force, blocks, own=True)

@@ -135,7 +135,7 @@ class Ground:
         if len(self._centres):
             part = c[k:, None, None] * np.outer(self._share, self._share)
             np.add.at(blocks[:, axis, axis], self._where, part)
-        return Evaluation(energy, force, blocks)
+        return Evaluation(energy, force, blocks, own=True)
 
 
 def _barrier(t: np.ndarray):

@@ -17,11 +17,13 @@ class Evaluation:
     ``energy``: None where no potential exists; ``inf`` where the state is not admissible (an
     inverted element, a node beyond a barrier). ``force``: (nodes, 3). ``stiffness``: blocks
     d force_a / d u_b on the term's graph, (blocks, 3, 3); None for a term without stiffness.
+    ``own``: whether who asked may change the stiffness, because the term does not keep it.
     """
 
     energy: float | None
     force: np.ndarray | None = None
     stiffness: np.ndarray | None = None
+    own: bool = False
 
 
 class Term(Protocol):

@@ -14,6 +14,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cache
 
 import numpy as np
 from scipy.spatial import cKDTree
@@ -123,6 +124,7 @@ class Model:
             raise ValueError(f"mirrors {tuple(mirrors)}; expected fewer of {self.mirrors}")
         u = self.scene.displacement(x, e)
 
+        @cache
         def mapped(body: Body) -> np.ndarray:
             near, signs = images(self.body, body, lost)
             return signs * u[near]

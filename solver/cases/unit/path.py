@@ -11,6 +11,7 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from enum import Enum
+from functools import cache
 
 import numpy as np
 
@@ -157,6 +158,7 @@ def carried(
     """
     u = model.scene.displacement(x, e)
 
+    @cache
     def mapped(body):
         return model.body.interpolation(body.nodes) @ u
 
@@ -168,7 +170,7 @@ def carried(
         watch=watch or model.watch,
         about=mapped,
     )
-    start = mapped(other.body)
+    start = mapped(other.body).copy()
     if isinstance(other.ground, Ground):
         # Between this mesh's contact points the sheet may lie below the floor.
         low = other.ground.gaps(start).min() + 0.9 * other.ground.depth

@@ -200,7 +200,7 @@ def test_without_weight_there_is_no_ground_to_speak_of():
 
 def test_time_that_runs_out_is_an_unknown_with_what_was_seen():
     # The first label of a process waits for the solver to be imported too.
-    _, label = (labelled(LIGHT, timeout=0.25) for _ in range(2))
+    _, label = (labelled(LIGHT, timeout=0.05) for _ in range(2))
     assert label.evidence["core_seconds"] < 2
     assert label.foldable is None and label.evidence["outcome"] == "timeout"
     assert label.reason == "unknown: the time allowed was used up"

@@ -206,3 +206,26 @@ def test_facets_whose_cells_are_roundoff_are_refused_in_words():
     body = Body.build(skfem.MeshHex1(bent, mesh.t), "hex8", parts=True)
     with pytest.raises(ValueError, match="too thin, too distorted"):
         body.surface(lambda X: X[:, 1] > 0.5)
+
+
+@pytest.mark.parametrize("element", ["hex27", "hex20", "tet10"])
+def test_a_quadratic_field_is_interpolated_exactly(element):
+    # An L of cells that are up to a thousand times longer than thick.
+    lines = np.array([0, 1e-3, 0.1, 0.4, 1]), np.array([0, 0.3, 1]), np.array([0, 1e-3, 3e-3])
+    mesh = box(*lines, keep=lambda X: (X[:, 0] < 0.4) | (X[:, 2] < 1e-3), tets="tet" in element)
+    body = Body.build(mesh, element)
+
+    def field(X):
+        x, y, z = X.T
+        return 1 + x - 2 * y * y + x * y + 3e3 * x * z
+
+    rng = np.random.default_rng(0)
+    low = rng.uniform(0, 1, (300, 3)) * (1, 1, 1e-3)
+    high = rng.uniform(0, 1, (300, 3)) * (0.4, 1, 3e-3)
+    # On edges and faces of cells, inner and outer, and a rounding outside.
+    there = np.concatenate([low, high, body.nodes, body.nodes * (1 + 1e-15) - 1e-17])
+    M = body.interpolation(there)
+    np.testing.assert_allclose(M @ field(body.nodes), field(there), atol=1e-11)
+    for outside in ([0.5, 0.5, 2e-3], [0.2, 0.5, -1e-6], [1.1, 0.5, 0]):
+        with pytest.raises(ValueError, match="outside of the body"):
+            body.interpolation(np.array([[0.1, 0.1, 1e-4], outside]))
