@@ -151,9 +151,11 @@ class Pardiso:
             # but hold only for values like those of the analysis: it is repeated when they fail.
             self.iparm[10] = self.iparm[12] = 1 if self._bordered else 0
             self.iparm[20] = 1
-            self._run(-1, nothing, nothing, 1)
-            self._handle[:] = 0
-            self._run(12, nothing, nothing, 1)
+            self._analyse_again()
+        if self._type == -2 and self.iparm[13] > 0:
+            # A small pivot belongs to the order of elimination more often than to the matrix.
+            self.iparm[1] = 2 - self.iparm[1]
+            self._analyse_again()
         self._generation += 1
         born = self._generation
         negative = None
@@ -173,6 +175,12 @@ class Pardiso:
             return x
 
         return Factor(solve, negative, lambda: born == self._generation)
+
+    def _analyse_again(self) -> None:
+        nothing = np.zeros(1)
+        self._run(-1, nothing, nothing, 1)
+        self._handle[:] = 0
+        self._run(12, nothing, nothing, 1)
 
     def _run(self, phase: int, b: np.ndarray, x: np.ndarray, columns: int) -> None:
         error = _pardiso(
