@@ -126,11 +126,13 @@ def judge(
         reason = f"unknown, for no finer mesh confirmed it in time: {reason}"
         foldable, evidence["outcome"] = None, "unverified"
     elif run.settled and errors.largest > accuracy:
+        # A measure known as well as was asked for counts on the side where it lies.
+        open_ = [off * scale if off > accuracy else 0.0 for off in (errors.m1, errors.m2)]
         near = screening.near(
             run.measures,
             design["contraction"],
             thresholds,
-            (errors.m1 * scale, errors.m2 * scale),
+            (open_[0], open_[1]),
             screening.COARSE_SLIP if coarse else 0.0,
         )
         if near and not run.closed:

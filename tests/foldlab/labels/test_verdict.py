@@ -96,6 +96,9 @@ def test_each_turning_is_stated_with_a_margin_and_not_below_what_chance_may_give
         ({"m1": 1.02 * ALPHA, "m2": 0.1}, Errors(0.05, 0.001), "unresolved"),
         ({"m1": 2 * ALPHA, "m2": 0.45 * ALPHA}, Errors(0.1, 0.01), "folds"),
         ({"m1": 2 * ALPHA, "m2": 0.45 * ALPHA}, Errors(0.01, 0.1), "unresolved"),
+        ({"m1": 1.005 * ALPHA, "m2": 0.1}, Errors(0.01, 0.2), "folds"),
+        ({"m1": 0.995 * ALPHA, "m2": 0.1}, Errors(0.01, 0.2), "too_little"),
+        ({"m1": 2 * ALPHA, "m2": 0.495 * ALPHA}, Errors(0.1, 0.01), "folds"),
         # What fails by more than its error decides, however near the other is.
         ({"m1": 0.5 * ALPHA, "m2": 0.49 * ALPHA}, 0.05, "too_little"),
     ],
