@@ -3,6 +3,9 @@
 Scales: length l_s (total length of the passive sheet), stress E_s, density rho_s. The weight enters
 as Γ = E_s h_s² / (rho_s g l_s³), large for a light and stiff unit. Subscript i is the active layer,
 s the passive layer and the panels. Bounds: dissertation §4.2.2 and §4.6.3.
+
+In the patterned space (§4.8.3) the active layer is n strips of width w along the sheet, a gap s
+between two and half of one at each edge of the hinge: b_i = n (w + s).
 """
 
 from __future__ import annotations
@@ -27,7 +30,11 @@ MOST_DESIGNS = 10**7
 
 @dataclass(frozen=True)
 class Parameter:
-    """One nondimensional group with its bounds and the scale on which it is sampled."""
+    """One nondimensional group with its bounds and the scale on which it is sampled.
+
+    ``whole``: whether it counts something and has whole numbers only. On its scale each of them
+    then has the interval of half a unit to both sides.
+    """
 
     name: str
     symbol: str
@@ -35,6 +42,7 @@ class Parameter:
     high: float
     scale: Literal["log", "linear"]
     meaning: str
+    whole: bool = False
 
     def __post_init__(self):
         if not (np.isfinite(self.low) and np.isfinite(self.high) and self.low < self.high):
@@ -48,6 +56,11 @@ class Parameter:
             raise InputError(
                 f"{self.name}: lower bound {self.low:g} on a log scale; expected above 0"
             )
+        if self.whole and not (float(self.low).is_integer() and float(self.high).is_integer()):
+            raise InputError(
+                f"{self.name}: bounds {self.low:g} … {self.high:g} of a whole number; give whole "
+                "numbers"
+            )
 
     def to_unit(self, value):
         """Map values in [low, high] to [0, 1] on the parameter's own scale."""
@@ -59,13 +72,14 @@ class Parameter:
         low, high = self._ends()
         scaled = low + np.asarray(unit, dtype=float) * (high - low)
         value = 10.0**scaled if self.scale == "log" else scaled
-        return np.clip(value, self.low, self.high)
+        return np.clip(np.rint(value) if self.whole else value, self.low, self.high)
 
     def _scaled(self, value):
         return np.log10(value) if self.scale == "log" else value
 
     def _ends(self):
-        return self._scaled(np.float64(self.low)), self._scaled(np.float64(self.high))
+        half = 0.5 if self.whole else 0.0
+        return self._scaled(np.float64(self.low - half)), self._scaled(np.float64(self.high + half))
 
 
 @dataclass(frozen=True)
@@ -204,6 +218,9 @@ class DesignSpace:
         if p.scale == "log" and (values <= 0).any():
             row = int(np.argmax(values <= 0))
             raise InputError(f"{p.name} is {values[row]:g} in row {row}; it must be above 0")
+        if p.whole and (values != np.rint(values)).any():
+            row = int(np.argmax(values != np.rint(values)))
+            raise InputError(f"{p.name} is {values[row]:g} in row {row}; give whole numbers")
         if not bounds:
             return
         outside = (values < p.low * (1 - BOUND_RTOL)) | (values > p.high * (1 + BOUND_RTOL))
@@ -234,11 +251,19 @@ FULL = DesignSpace(
         Parameter("contraction", "|g_i|", 0.02, 0.4, "linear", "contraction of the active layer"),
     ),
 )
-SPACES = {space.name: space for space in (REDUCED, FULL)}
+PATTERNED = DesignSpace(
+    "patterned",
+    (
+        *FULL.parameters,
+        Parameter("strips", "n", 1, 10, "log", "active strips side by side", whole=True),
+        Parameter("strip_share", "w/(w+s)", 0.3, 0.95, "linear", "strip width over pitch"),
+    ),
+)
+SPACES = {space.name: space for space in (REDUCED, FULL, PATTERNED)}
 
 
 def space_named(name: str) -> DesignSpace:
-    """``'reduced'`` or ``'full'``."""
+    """``'reduced'``, ``'full'`` or ``'patterned'``."""
     if name not in SPACES:
         raise InputError(f"no design space {name!r}; there are: {', '.join(SPACES)}")
     return SPACES[name]
@@ -246,7 +271,7 @@ def space_named(name: str) -> DesignSpace:
 
 def space_of(designs: pd.DataFrame) -> DesignSpace:
     """The largest space whose groups are all columns of the table."""
-    for space in (FULL, REDUCED):
+    for space in (PATTERNED, FULL, REDUCED):
         if all(name in designs.columns for name in space.names):
             return space
     raise InputError(
@@ -279,11 +304,14 @@ PHYSICAL = {
     "g_earth": "m/s²",
     "contraction": "1",
 }
+# Width of an active strip and of the gap between two.
+PATTERN = {"w_i": "m", "s_i": "m"}
 _SCALES = ("E_s", "rho_s", "l_s", "g_earth")
 
 
 def to_physical(groups: pd.DataFrame, **scales: float | np.ndarray) -> pd.DataFrame:
-    """SI quantities (names and units: :data:`PHYSICAL`) of designs given as groups.
+    """SI quantities (names and units: :data:`PHYSICAL`, of strips :data:`PATTERN`) of designs given
+    as groups.
 
     Each of the scales ``E_s``, ``rho_s``, ``l_s``, ``g_earth`` is a number or one value per design.
     Γ ties the four together: with ``stiffness_to_weight`` among the groups give exactly three, and
@@ -323,7 +351,12 @@ def to_physical(groups: pd.DataFrame, **scales: float | np.ndarray) -> pd.DataFr
         out[quantity] = _positive(group, groups[group], len(groups)) * out[scale]
     if "contraction" in groups:
         out["contraction"] = _positive("contraction", groups["contraction"], len(groups))
-    return pd.DataFrame({name: out[name] for name in PHYSICAL if name in out})
+    if "b_i" in out and all(name in groups for name in ("strips", "strip_share")):
+        PATTERNED._check(PATTERNED["strips"], groups["strips"].to_numpy(float), False)
+        pitch = out["b_i"] / _positive("strips", groups["strips"], len(groups))
+        share = _positive("strip_share", groups["strip_share"], len(groups))
+        out |= {"w_i": share * pitch, "s_i": (1 - share) * pitch}
+    return pd.DataFrame({name: out[name] for name in (*PHYSICAL, *PATTERN) if name in out})
 
 
 def to_groups(physical: pd.DataFrame) -> pd.DataFrame:
@@ -333,11 +366,12 @@ def to_groups(physical: pd.DataFrame) -> pd.DataFrame:
     """
     import pandas as pd
 
-    unknown = [name for name in physical.columns if name not in PHYSICAL]
+    known = {**PHYSICAL, **PATTERN}
+    unknown = [name for name in physical.columns if name not in known]
     if unknown:
         raise InputError(
             f"no physical quantity {', '.join(map(str, unknown))}; "
-            f"there are {', '.join(f'{k} [{u}]' for k, u in PHYSICAL.items())}"
+            f"there are {', '.join(f'{k} [{u}]' for k, u in known.items())}"
         )
     q = {name: _positive(name, physical[name], len(physical)) for name in physical.columns}
     groups = {
@@ -351,12 +385,23 @@ def to_groups(physical: pd.DataFrame) -> pd.DataFrame:
         )
     if "contraction" in q:
         groups["contraction"] = q["contraction"]
+    if all(name in q for name in ("b_i", *PATTERN)):
+        pitch = q["w_i"] + q["s_i"]
+        groups["strips"] = np.rint(q["b_i"] / pitch)
+        groups["strip_share"] = q["w_i"] / pitch
+        off = np.abs(q["b_i"] / pitch - groups["strips"]) > 1e-6 * groups["strips"]
+        if off.any():
+            row = int(np.argmax(off))
+            raise InputError(
+                f"b_i holds {(q['b_i'] / pitch)[row]:.6g} strips with their gaps in row {row}; "
+                "expected b_i = n (w_i + s_i) with a whole n"
+            )
     if not groups:
         raise InputError(
             f"no group follows from {', '.join(q) or 'an empty table'}; "
             "give both quantities of a ratio, such as E_i and E_s"
         )
-    return pd.DataFrame({name: groups[name] for name in FULL.names if name in groups})
+    return pd.DataFrame({name: groups[name] for name in PATTERNED.names if name in groups})
 
 
 def _positive(name: str, value, n: int) -> np.ndarray:

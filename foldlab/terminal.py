@@ -26,7 +26,7 @@ Sets = Annotated[
     list[str] | None, typer.Option("--set", metavar="NAME=VALUE", help="Override a setting.")
 ]
 Config = Annotated[Path | None, typer.Option("--config", help="TOML file of settings.")]
-Space = Annotated[str, typer.Option("--space", help="Design space: reduced or full.")]
+Space = Annotated[str, typer.Option("--space", help="Design space: reduced, full or patterned.")]
 Workers = Annotated[int, typer.Option("--workers", min=1, help="Worker processes.")]
 
 

@@ -25,12 +25,14 @@ from foldlab.unit.record import (
     complete,
     draw,
     explain,
+    space_for,
     summary,
     write_json,
     write_path,
 )
 
 if TYPE_CHECKING:
+    from foldlab.design import DesignSpace
     from foldlab.labels.foldability import Thresholds
     from foldlab.labels.solver import SolverSource
     from foldlab.labels.strength import Strengths
@@ -70,7 +72,7 @@ class Solving:
         ),
     ] = None
 
-    def source(self, strengths: Strengths) -> SolverSource:
+    def source(self, strengths: Strengths, space: DesignSpace) -> SolverSource:
         """The label source that solves so, and tells what breaks."""
         from foldlab.labels.asked import Conditions, Effort
         from foldlab.labels.foldability import Thresholds
@@ -81,8 +83,9 @@ class Solving:
         )
         effort, thresholds = Effort(self.accuracy, self.timeout), Thresholds(need=self.need)
         return SolverSource(
-            conditions, effort, self.question, thresholds=thresholds, strengths=strengths
-        )
+            conditions, effort, self.question, space=space, thresholds=thresholds,
+            strengths=strengths,
+        )  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -150,13 +153,13 @@ def simulate(
 
     --set gives the groups (lengths over l_s): E_ratio, h_ratio, hinge_length, aspect, slenderness,
     contraction; rho_ratio and hinge_width are 1 if not given; stiffness_to_weight is needed where
-    gravity acts.
+    gravity acts; strips and strip_share cut the active layer.
     """
     from foldlab.labels.foldability import THICK_HINGE, thick_hinge
     from foldlab.labels.forecast import forecast
 
     groups = numbers(given.read())
-    source = solving.source(borne.strengths())
+    source = solving.source(borne.strengths(), space_for(groups))
     design = complete(groups, heavy=source.conditions.heavy)
     source.unit(design)
     if thick_hinge(design):

@@ -95,6 +95,11 @@ class Wish:
     min_probability: float = 0.5
 
     def __post_init__(self):
+        if counts := [p.name for p in self.space if p.whole]:
+            raise InputError(
+                f"the {self.space.name} space counts {', '.join(counts)} in whole numbers, and a "
+                "wish knows continuous quantities only; take the full space"
+            )
         if not (isinstance(self.want, Angle) or self.want in ("foldable", "flat")):
             raise InputError(f"want = {self.want!r}; expected 'foldable', 'flat' or an Angle")
         for name in (*self.fixed, *self.ranges):

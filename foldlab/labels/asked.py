@@ -33,6 +33,16 @@ class Plan:
 PLANS = {0.01: Plan(2), 0.0: Plan(3)}
 
 
+def check_strips(strips: float) -> int:
+    """Their number; raises :class:`InputError` for none of 0 … :data:`MOST_STRIPS`."""
+    if not (0 <= strips <= MOST_STRIPS and float(strips).is_integer()):
+        raise InputError(
+            f"strips = {strips:g}; expected a whole number up to {MOST_STRIPS}: each adds 1200 "
+            "unknowns"
+        )
+    return int(strips)
+
+
 @dataclass(frozen=True)
 class Conditions:
     """What acts on a unit, how its active layer contracts and is patterned, and what holds it.
@@ -59,10 +69,7 @@ class Conditions:
                 f"effects {self.effects!r}; expected one of {', '.join(map(repr, EFFECTS))}: "
                 "weight and ground come together"
             )
-        if not 0 <= self.strips <= MOST_STRIPS:
-            raise InputError(
-                f"strips = {self.strips}; expected 0 to {MOST_STRIPS}: each adds 1200 unknowns"
-            )
+        check_strips(self.strips)
         if self.barrier not in ("surface", "exponential"):
             raise InputError(f"barrier {self.barrier!r}; expected 'surface' or 'exponential'")
 

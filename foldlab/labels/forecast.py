@@ -69,7 +69,8 @@ def forecast(design: Mapping[str, float], source) -> Forecast | None:
 
     None where no like labels are at hand: other questions than "from_flat", strips, noise.
     """
-    if source.question != "from_flat" or source.conditions.strips or source.seed is not None:
+    strips = source.patterned or source.conditions.strips
+    if source.question != "from_flat" or strips or source.seed is not None:
         return None
     table, tree, scale = _labels(source.conditions.growth)
     if not source.conditions.heavy:

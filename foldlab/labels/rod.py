@@ -60,6 +60,11 @@ class RodSource:
                     f"{what}: a planar rod feels uniaxial contraction, weight and ground of solid "
                     "upright units only; take --source solver"
                 )
+        if "strips" in self.space.names:
+            raise InputError(
+                f"the rod knows solid layers only, and designs of the {self.space.name} space have "
+                "strips; take --source solver"
+            )
         if self.space.name != "full":
             raise InputError(
                 f"the rod needs a whole unit, and space {self.space.name!r} has only "

@@ -11,7 +11,7 @@ from foldlab.design import FULL, DesignSpace
 from foldlab.errors import InputError
 from foldlab.labels import screening
 from foldlab.labels import verdict as judging
-from foldlab.labels.asked import Conditions, Effort
+from foldlab.labels.asked import Conditions, Effort, check_strips
 from foldlab.labels.foldability import Thresholds
 from foldlab.labels.label import Label
 from foldlab.labels.memory import forget_peak, hand_back
@@ -60,17 +60,29 @@ class SolverSource:
             )
         # Without strips it does not matter what they would cover.
         solid = replace(c, strip_share=Conditions.strip_share)
-        if refine != "always" and (solid != Conditions() or self.seed is not None):
+        if self.patterned and c.strips:
+            raise InputError(
+                f"strips = {c.strips}, and each design of the {self.space.name} space has its own; "
+                "leave the setting out"
+            )
+        if refine != "always" and (
+            self.patterned or solid != Conditions() or self.seed is not None
+        ):
             raise InputError(
                 f"refine {refine!r} needs a known error of the coarsest mesh, and it was measured "
                 "for uniaxial contraction of solid upright units with weight, without contact; "
                 "take 'always'"
             )
-        if self.space.name != "full":
+        if not set(FULL.names) <= set(self.space.names):
             raise InputError(
                 f"the solver needs a whole unit, and space {self.space.name!r} has only "
                 f"{', '.join(self.space.names)}; sample with --space full"
             )
+
+    @property
+    def patterned(self) -> bool:
+        """Whether each design says how its active layer is cut in strips."""
+        return "strips" in self.space.names
 
     @property
     def timeout(self) -> float:
@@ -84,7 +96,7 @@ class SolverSource:
         parts = ["5", c.growth, c.effects.replace(",", "+"), f"{effort.accuracy:g}"]
         parts += ["exists"] * (self.question == "exists") + ["falls"] * (not c.upright)
         parts += [f"noise{self.seed}"] * (self.seed is not None)
-        parts += [f"strips{c.strips}x{c.strip_share:g}"] * (c.strips > 0)
+        parts += [f"pattern{c.strips}x{c.strip_share:g}"] * (c.strips > 0)
         parts += [c.barrier] * (c.barrier != "surface")
         for record in (self.thresholds, self.strengths):
             for f in fields(record):
@@ -150,7 +162,7 @@ class SolverSource:
             ):
                 break
         foldable, reason, evidence = judging.judge(
-            groups,
+            self._pattern() | groups,
             run,
             errors,
             self.thresholds,
@@ -197,14 +209,19 @@ class SolverSource:
         near = abs(run.measures["m2"] - self.thresholds.most_across(g)) < ACROSS * need
         return level < 2 and run.measures["m1"] > need and near and not run.closed
 
+    def _pattern(self) -> dict[str, float]:
+        """The groups of strips where they are a setting."""
+        c = self.conditions
+        return {"strips": c.strips, "strip_share": c.strip_share} if c.strips else {}
+
     def unit(self, design: Mapping[str, float]) -> Unit:
         """The solver's unit; raises :class:`InputError` for a design that is none."""
         from solver.cases.unit.unit import Unit
 
         try:
-            groups = {k: float(v) for k, v in design.items()}
-            strips, cover = self.conditions.strips, self.conditions.strip_share
-            return Unit(**groups, strips=strips, strip_share=cover)
+            groups = {k: float(v) for k, v in (self._pattern() | dict(design)).items()}
+            groups["strips"] = check_strips(groups.get("strips", 0))
+            return Unit(**groups)
         except (TypeError, ValueError) as error:
             raise InputError(f"the design is no folding unit: {error}") from error
 

@@ -91,7 +91,8 @@ class TimoshenkoSource:
 
     In the reduced space Eq. 4.26 *defines* the label, so its error is 0. In the full space a design
     folds if the hinge alone turns by more than |g|π (F1 of Eq. 4.21); weight is not seen there and
-    the error is unknown (None).
+    the error is unknown (None). In the patterned space strips count as a solid layer of E_i times
+    the fraction of the width that they cover, as in a beam whose sections stay plane.
     """
 
     name = "timoshenko"
@@ -136,7 +137,7 @@ class TimoshenkoSource:
         """
         table = self.space.validate(designs)
         angle = normalised_angle(
-            table["E_ratio"], table["h_ratio"], table["slenderness"], assumption=self.assumption
+            smeared(table), table["h_ratio"], table["slenderness"], assumption=self.assumption
         )
         threshold = FULL_TURN
         if "contraction" in table:
@@ -147,6 +148,14 @@ class TimoshenkoSource:
         table["margin"] = np.log(angle / threshold)
         table["foldable"] = angle >= threshold
         return table
+
+
+def smeared(design):
+    """E_i/E_s of a solid layer as stiff as the strips of a design, or of a table of them; of a
+    design without strips its own."""
+    if "strip_share" not in design:
+        return design["E_ratio"]
+    return design["E_ratio"] * design["strip_share"]
 
 
 def _reason(foldable: bool, values: Mapping[str, float]) -> str:
@@ -164,14 +173,14 @@ def lift_off_stiffness(design: Mapping[str, float]) -> float:
     bilayer's bending stiffness: lift-off at β = Θ₀ (heavy strip, closed form). β is proportional
     to 1/Γ. Flexible panels lift earlier at their tips' cost, so this is an estimate.
     """
-    groups = ("E_ratio", "h_ratio", "slenderness", "hinge_length", "contraction")
-    turning = fold_angle(*(design[name] for name in groups)) / 2
+    groups = ("h_ratio", "slenderness", "hinge_length", "contraction")
+    turning = fold_angle(smeared(design), *(design[name] for name in groups)) / 2
     return float(_hinge_turning(design) / turning) if turning > 0 else np.inf
 
 
 def _hinge_turning(design: Mapping[str, float]) -> float:
     """β Γ: by what the weight of a level panel turns its half of the hinge, times Γ, in rad."""
-    m, n = design["h_ratio"], design["E_ratio"]
+    m, n = design["h_ratio"], smeared(design)
     length = (1 - design["hinge_length"]) / 2
     # Bilayer about its neutral axis, in units of E_s h_s³ per width.
     bending = (1 + m**3 * n) / 12 + m * n * (1 + m) ** 2 / (4 * (1 + m * n))

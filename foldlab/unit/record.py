@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from foldlab.design import FULL
+from foldlab.design import FULL, PATTERNED, DesignSpace
 from foldlab.errors import InputError
 from foldlab.labels.label import Label
 from foldlab.labels.run import Run
@@ -20,6 +20,9 @@ from foldlab.terminal import err, plain
 
 # A hinge as wide as its panels and as dense: what a design is that says nothing of them.
 DEFAULTS = {"rho_ratio": 1.0, "hinge_width": 1.0}
+
+# What makes a design one of the patterned space.
+STRIPS = ("strips", "strip_share")
 
 
 # Without weight these act nowhere.
@@ -32,19 +35,25 @@ FRAMES = 60  # of a GIF, at most
 FILES = ("result.json", "curves.npz", "shapes.png", "strain.png", "angle.png", "fold.gif")
 
 
+def space_for(given: Mapping[str, float]) -> DesignSpace:
+    """The patterned space where a group of strips is given, else the full one."""
+    return PATTERNED if any(name in given for name in STRIPS) else FULL
+
+
 def complete(given: Mapping[str, float], *, heavy: bool) -> dict[str, float]:
-    """All groups of the full space, from those given and the defaults.
+    """All groups of the full or the patterned space, from those given and the defaults.
 
     Raises :class:`InputError` for names that are no group and for missing ones.
     """
+    space = space_for(given)
     for name in given:
-        FULL[name]
+        space[name]
     needed = {**DEFAULTS, **({} if heavy else {"stiffness_to_weight": 1.0}), **given}
-    missing = [name for name in FULL.names if name not in needed]
+    missing = [name for name in space.names if name not in needed]
     if missing:
         why = " (gravity acts; or give --effects none)" if "stiffness_to_weight" in missing else ""
         raise InputError(f"the design lacks {', '.join(missing)}{why}; add --set {missing[0]}=…")
-    design = {name: needed[name] for name in FULL.names}
+    design = {name: needed[name] for name in space.names}
     for name, value in design.items():
         if not (np.isfinite(value) and value > 0):
             raise InputError(f"{name} = {value:g}; expected a finite number above 0")

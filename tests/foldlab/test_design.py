@@ -7,6 +7,7 @@ from scipy.stats import kstest
 
 from foldlab.design import (
     FULL,
+    PATTERNED,
     PHYSICAL,
     REDUCED,
     Parameter,
@@ -194,3 +195,38 @@ def test_spaces_are_found_by_name_and_by_columns():
 def test_parameters_check_themselves(low, high, scale):
     with pytest.raises(InputError):
         Parameter("x", "x", low, high, scale, "")
+
+
+# -- strips --------------------------------------------------------------------------------------
+
+
+def test_a_patterned_design_is_a_full_one_and_its_strips():
+    assert PATTERNED.names == [*FULL.names, "strips", "strip_share"]
+    designs = PATTERNED.sample(400, seed=1)
+    assert space_of(designs) is PATTERNED and space_of(designs[FULL.names]) is FULL
+    assert set(designs["strips"]) == set(range(1, 11))
+    # On a log scale each has its interval of half a strip to both sides.
+    want = np.log(np.arange(1.5, 11) / np.arange(0.5, 10)) / np.log(21)
+    counts = np.array([(designs["strips"] == n).sum() for n in range(1, 11)])
+    np.testing.assert_allclose(counts, 400 * want, atol=2)
+    again = PATTERNED.from_unit(PATTERNED.to_unit(designs))
+    np.testing.assert_allclose(again, designs, rtol=1e-12)
+
+
+@pytest.mark.parametrize("strips, says", [(2.5, "strips is 2.5 in row 0"), (11, "outside 1 … 10")])
+def test_strips_are_counted(strips, says):
+    designs = PATTERNED.sample(1, seed=0).assign(strips=float(strips))
+    with pytest.raises(InputError, match=says):
+        PATTERNED.validate(designs)
+    with pytest.raises(InputError, match="whole"):
+        Parameter("n", "n", 0.5, 3, "linear", "a count", whole=True)
+
+
+def test_strips_in_si_and_back():
+    designs = PATTERNED.sample(50, seed=3)
+    si = to_physical(designs, E_s=1e6, rho_s=1e3, l_s=0.05)
+    # The strips and as many gaps fill the hinge.
+    np.testing.assert_allclose(designs["strips"] * (si["w_i"] + si["s_i"]), si["b_i"])
+    np.testing.assert_allclose(to_groups(si)[PATTERNED.names], designs, rtol=1e-9)
+    with pytest.raises(InputError, match="whole n"):
+        to_groups(si.assign(b_i=1.05 * si["b_i"]))

@@ -7,6 +7,7 @@ shrink geometrically towards them. Elsewhere an element turns by no more than a 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 
@@ -154,8 +155,11 @@ def _across(unit, level: Sizes, curls: bool):
         centres = (np.arange(unit.strips) - (unit.strips - 1) / 2) * pitch
         edges = np.concatenate([centres - strip / 2, centres + strip / 2])
         edges = np.unique(np.round(np.concatenate([[0.0, half], edges[edges > 1e-12]]), 12))
-        x = edges[edges <= half * (1 + 1e-9)]
-        x[-1] = half
+        edges = edges[edges <= half * (1 + 1e-9)]
+        edges[-1] = half
+        x = edges[:1]
+        for low, high in pairwise(edges):
+            x = joined(x, np.linspace(low, high, int(np.ceil((high - low) * n / half - 1e-9)) + 1))
 
         def solid(ax):
             return (np.abs(ax[:, None] - np.abs(centres)) < strip / 2).any(axis=1)

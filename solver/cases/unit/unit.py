@@ -46,6 +46,8 @@ class Unit:
             low = 0.0 if f.name in ("contraction", "nu", "strips") else 1e-300
             if not low <= value <= 1e30:
                 raise ValueError(f"{f.name} = {value:g}; expected a number above 0, at most 1e30")
+        if not float(self.strips).is_integer():
+            raise ValueError(f"strips = {self.strips:g}; expected a whole number")
         most = {"hinge_length": 0.95, "hinge_width": 1.0, "contraction": 0.95, "strip_share": 1.0}
         for name, limit in most.items():
             if getattr(self, name) > limit:

@@ -8,7 +8,7 @@ import pandas as pd
 import pytest
 
 from foldlab.datasets import load_dataset
-from foldlab.design import FULL, REDUCED
+from foldlab.design import FULL, PATTERNED, REDUCED
 from foldlab.errors import InputError
 from foldlab.labels.label import LabelSource, storable
 from foldlab.labels.solver import make_source
@@ -92,6 +92,8 @@ def test_designs_that_are_no_rod_are_refused():
         make_source("rod").label(LIGHT | {"E_ratio": 5000.0})
     with pytest.raises(InputError, match="sample with --space full"):
         make_source("rod", space=REDUCED)
+    with pytest.raises(InputError, match="the patterned space have strips"):
+        make_source("rod", space=PATTERNED)
 
 
 def test_a_source_has_a_version_per_setting_and_travels():

@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 from numba.core import event
 
-from foldlab.design import REDUCED
+from foldlab.design import PATTERNED, REDUCED
 from foldlab.errors import InputError
 from foldlab.labels import foldability, solver
 from foldlab.labels.asked import Conditions, Effort
@@ -285,6 +285,27 @@ def test_versions_tell_settings_apart():
 
 def test_settings_without_strips_do_not_say_what_strips_cover():
     assert make_source("solver", {"refine": "near", "strip_share": 0.8}).effort.refine == "near"
+
+
+def test_a_design_may_say_its_strips_itself():
+    cut = {"strips": 2, "strip_share": 0.8}
+    common = Effort(accuracy=0.1)
+    own = SolverSource(Conditions(effects="none"), common, space=PATTERNED)
+    asked = SolverSource(Conditions(effects="none", **cut), common)
+    one, other = own.label(LIGHT | cut), asked.label(LIGHT)
+    assert one.evidence["m1"] == other.evidence["m1"]
+    assert (
+        one.evidence["m1"]
+        != SolverSource(Conditions(effects="none"), common).label(LIGHT).evidence["m1"]
+    )
+    assert one.design == LIGHT | cut and other.design == LIGHT
+    for change in ({"strips": 2.5}, {"strips": 51}, {"strip_share": 1.2}):
+        with pytest.raises(InputError, match=next(iter(change))):
+            own.label(LIGHT | cut | change)
+    with pytest.raises(InputError, match="leave the setting out"):
+        replace(own, conditions=Conditions(strips=3))
+    with pytest.raises(InputError, match="refine"):
+        replace(own, conditions=Conditions(), effort=Effort(refine="near"))
 
 
 @pytest.mark.parametrize("accuracy, finest", [(0.02, 2), (0.005, 3)])

@@ -5,10 +5,11 @@ import time
 import numpy as np
 import pytest
 
-from foldlab.design import FULL, REDUCED
+from foldlab.design import FULL, PATTERNED, REDUCED
 from foldlab.errors import InputError
 from foldlab.labels import timoshenko
-from foldlab.labels.solver import make_source
+from foldlab.labels.asked import Conditions
+from foldlab.labels.solver import SolverSource, make_source
 from foldlab.labels.timoshenko import TimoshenkoSource
 
 
@@ -105,3 +106,21 @@ def test_versions_tell_assumptions_apart():
     assert TimoshenkoSource(assumption="plate").version == "1-plate"
     with pytest.raises(InputError, match="no label source 'abaqus'"):
         make_source("abaqus")
+
+
+def test_strips_bend_as_a_softer_solid_layer():
+    design = {
+        "E_ratio": 1.0, "rho_ratio": 1.0, "hinge_length": 0.2, "hinge_width": 1.0, "h_ratio": 1.0,
+        "stiffness_to_weight": 1.0, "aspect": 0.1, "slenderness": 4e-3, "contraction": 0.1,
+    }  # fmt: skip
+    solid = TimoshenkoSource(FULL).label(design).evidence["fold_angle"]
+    cut = design | {"strips": 4, "strip_share": 0.3}
+    angle = TimoshenkoSource(PATTERNED).label(cut).evidence["fold_angle"]
+    softer = design | {"E_ratio": 0.3}
+    assert angle == TimoshenkoSource(FULL).label(softer).evidence["fold_angle"]
+    # The solid model of the strips agrees, and the solid layer's angle is another one.
+    run = SolverSource(Conditions(effects="none"), space=PATTERNED).run(cut, 0)
+    assert run.measures["m1"] == pytest.approx(angle, rel=0.04)
+    assert abs(solid - angle) > 0.09 * angle
+    # Weight needs a stiffer sheet to lift where the active layer is softer.
+    assert timoshenko.lift_off_stiffness(cut) == timoshenko.lift_off_stiffness(softer)

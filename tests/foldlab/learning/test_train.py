@@ -3,10 +3,12 @@
 import numpy as np
 import pytest
 
-from foldlab.design import REDUCED
+from foldlab.design import PATTERNED, REDUCED
 from foldlab.errors import InputError
 from foldlab.labels import timoshenko
+from foldlab.labels.timoshenko import TimoshenkoSource
 from foldlab.learning import train
+from foldlab.learning.saving import load_model, save_model
 from foldlab.learning.train import train_on
 
 
@@ -56,3 +58,20 @@ def test_a_small_and_a_large_holdout_hold_both_kinds(holdout):
         card["labels"] == round(600 * (1 - holdout)) and card["holdout_n"] == 600 - card["labels"]
     )
     assert card["holdout_recall"] is not None and card["holdout_false_positive_rate"] is not None
+
+
+def test_strips_are_learnt_and_saved(tmp_path):
+    source = TimoshenkoSource(PATTERNED)
+    labels = source.evaluate(PATTERNED.sample(2000, seed=0))
+    model, card = train_on(labels, "tree", seed=0)
+    assert card["space"] == "patterned"
+    features = list(model[0].get_feature_names_out())
+    assert {"log10(strips)", "strip_share"} <= set(features)
+    again, card = load_model(save_model(model, tmp_path / "m"))
+    assert card["space"] == "patterned"
+    fresh = PATTERNED.sample(200, seed=1)
+    probability = again.predict_proba(fresh)
+    np.testing.assert_array_equal(probability, model.predict_proba(fresh))
+    solid = fresh.drop(columns=["strips", "strip_share"])
+    with pytest.raises(InputError, match="lacks strips, strip_share"):
+        again.predict_proba(solid)

@@ -68,3 +68,17 @@ def test_columns_across_the_hinge_turn_by_no_more_than_the_level_allows(curls):
     needed = np.ceil(turning / unit_mesh.LEVELS[1].turn)
     assert needed > 2
     assert columns >= needed if curls else columns < needed
+
+
+@pytest.mark.parametrize("strips", [1, 2, 5])
+@pytest.mark.parametrize("curls", [False, True])
+def test_finer_meshes_are_finer_across_strips_too(strips, curls):
+    unit = replace(STRIPED, strips=strips)
+    # Of a body of quadratic elements every other coordinate is a midpoint.
+    widest = [
+        np.diff(np.unique(unit_mesh.mesh(unit, level, mirrors=("x", "y"), curls=curls)
+                          .nodes[:, 0].round(9))[::2])[:4].max()
+        for level in (0, 3)
+    ]  # fmt: skip
+    assert widest[1] <= unit.width / 2 / (4 if curls else 3) * (1 + 1e-9)
+    assert widest[1] <= widest[0]
