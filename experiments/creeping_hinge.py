@@ -29,13 +29,13 @@ from solver.viscous.term import softened
 
 @dataclass(frozen=True)
 class Config:
-    """``shares``: of the hinge's stiffness that relaxes; ``t_fin``, ``until``: of the contraction
-    and of the path, in relaxation times η/E_m."""
+    """``fractions``: of the hinge's stiffness that relaxes; ``t_fin``, ``until``: of the
+    contraction and of the path, in relaxation times η/E_m."""
 
     seed: int = 0
     level: int = 0
     element: str = "hex20"
-    shares: tuple[float, ...] = (0.25, 0.5, 0.75)
+    fractions: tuple[float, ...] = (0.25, 0.5, 0.75)
     contraction: float = 0.1
     stiffness_to_weight: float = 0.2
     t_fin: float = 0.02
@@ -43,12 +43,12 @@ class Config:
     tolerance: float = 1e-3
 
 
-TINY = Config(shares=(0.5,), contraction=0.02, until=1.0, tolerance=1e-2)
+TINY = Config(fractions=(0.5,), contraction=0.02, until=1.0, tolerance=1e-2)
 
 
 def run(config: Config, tracker) -> dict[str, Any]:
     rows, curves = [], []
-    for fraction in config.shares:
+    for fraction in config.fractions:
         for weight in (True, False):
             row, curve = follow(config, fraction, weight)
             print(row, file=sys.stderr)
@@ -91,7 +91,7 @@ def follow(config: Config, fraction: float, weight: bool):
     ]
     folded = int(np.searchsorted(path.times, config.t_fin * (1 - 1e-9)))
     row = {
-        "share": fraction,
+        "fraction": fraction,
         "weight": weight,
         "folded": angles[folded],
         "at_last": angles[-1],
@@ -102,7 +102,7 @@ def follow(config: Config, fraction: float, weight: bool):
         "seconds": time.perf_counter() - clock,
         "outcome": path.outcome.value,
     }
-    names = {"share": fraction, "weight": weight, "t": path.times}
+    names = {"fraction": fraction, "weight": weight, "t": path.times}
     return row, pd.DataFrame({**names, "angle": angles})
 
 
@@ -114,7 +114,7 @@ def plot(curves: pd.DataFrame):
     with mpl.rc_context(STYLE):
         figure = Figure(figsize=(4.6, 2.9), layout="constrained")
         ax = figure.subplots()
-        for colour, (fraction, part) in zip(LINES, curves.groupby("share"), strict=False):
+        for colour, (fraction, part) in zip(LINES, curves.groupby("fraction"), strict=False):
             for weight, style in ((True, "-"), (False, "--")):
                 rows = part[(part["weight"] == weight) & (part["t"] > 0)]
                 text = f"{fraction:.0%} relaxes" + ("" if weight else ", no weight")

@@ -108,7 +108,7 @@ def follow(config: Config, model: Model, mesh: str):
     scene = model.viscous(dt)
     stepper = TimeSteps(1e-6, dt, order=config.order)
     nothing = np.zeros((len(model.body.nodes), 3))
-    path = [{"t": 0.0, "share": 0.0, **asdict(model.measure(nothing)), "dissipated": 0.0}]
+    path = [{"t": 0.0, "load": 0.0, **asdict(model.measure(nothing)), "dissipated": 0.0}]
     shapes, iterations, outcome = [(0.0, nothing)], 0, None
     walk = march(scene, start(scene), stepper, until=config.t_fin, load=ramp(config.t_fin))
     while outcome is None:
@@ -119,7 +119,7 @@ def follow(config: Config, model: Model, mesh: str):
             break
         u = scene.displacement(state.x, state.e)
         iterations += state.iterations
-        path.append({"t": state.t, "share": state.e, **asdict(model.measure(u)),
+        path.append({"t": state.t, "load": state.e, **asdict(model.measure(u)),
                      "dissipated": state.dissipated})  # fmt: skip
         if state.e >= 0.5 * len(shapes) - 1e-9:
             shapes.append((state.e, u))

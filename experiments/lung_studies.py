@@ -55,7 +55,7 @@ class Config:
     pressure_drop: float = 0.1
     steps: int = 10
     level: int = 1
-    shares: tuple[float, ...] = (-0.05, 0.0, 0.05)
+    offsets: tuple[float, ...] = (-0.05, 0.0, 0.05)
     contractions: tuple[float, ...] = (0.0, -0.2, -0.4)
     stiffnesses: tuple[float, ...] = (5.0, 10.0, 15.0, 20.0, 25.0, 35.0, 50.0, 75.0, 100.0, 150.0)
     low_pressure: float = 0.03
@@ -101,7 +101,7 @@ def pressure(bench: Bench) -> Study:
     ahead = bench.beyond(stage, path)
     top = config.pressure * ahead.last.e if ahead.reached else np.inf
     rows = []
-    for offset in config.shares:
+    for offset in config.offsets:
         p = config.pressure * (1 + offset)
         row = {"case": f"p {offset:+.0%}", "pressure": p, "reached": bool(p <= top), "limit": top}
         if p <= top:

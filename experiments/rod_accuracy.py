@@ -57,11 +57,11 @@ def run(config: Config, tracker) -> dict[str, Any]:
     rows, off, lines = [], 0.0, [HEADER]
     for a in config.h_ratios:
         for b in config.E_ratios:
-            found = np.append(turn_of(10**a, 10**b), rotation_of(10**a, 10**b))
-            off = max(off, float(np.abs(found[:3] - ends(10**a, 10**b)[:3]).max()))
-            turns = ",".join(f"{v:.4f}" for v in found[:3])
-            lines.append(f"{a:g},{b:g},{turns},{found[3]:.4g}")
-            rows.append(dict(zip(HEADER.split(","), [a, b, *found.tolist()], strict=True)))
+            computed = np.append(turn_of(10**a, 10**b), rotation_of(10**a, 10**b))
+            off = max(off, float(np.abs(computed[:3] - ends(10**a, 10**b)[:3]).max()))
+            turns = ",".join(f"{v:.4f}" for v in computed[:3])
+            lines.append(f"{a:g},{b:g},{turns},{computed[3]:.4g}")
+            rows.append(dict(zip(HEADER.split(","), [a, b, *computed.tolist()], strict=True)))
     if config.write:
         OUT.mkdir(exist_ok=True)
         (OUT / "hinge_ends.csv").write_text("\n".join(lines) + "\n", encoding="utf-8")

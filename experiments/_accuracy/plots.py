@@ -132,7 +132,7 @@ def draw_ladder(rows: list[dict], bands: list[dict]) -> Figure:
             xscale="log",
             xlabel="labels per core-hour",
             title="the ladder of sources",
-            ylabel="share that disagrees with the finest",
+            ylabel="fraction that disagrees with the finest",
         )
         axes[0].legend(fontsize=6.5, loc="upper center", bbox_to_anchor=(0.5, -0.2), ncols=2)
         for k, row in enumerate(bands):
@@ -144,7 +144,7 @@ def draw_ladder(rows: list[dict], bands: list[dict]) -> Figure:
         if bands:
             axes[1].set(
                 xlabel="labels per core-hour",
-                ylabel="share that disagrees with all refined",
+                ylabel="fraction that disagrees with all refined",
                 title=f"mixed labels, {bands[0]['compared']} designs of the dataset",
             )
             axes[1].legend(fontsize=6.5, loc="upper center", bbox_to_anchor=(0.5, -0.2), ncols=2)

@@ -46,10 +46,10 @@ def reaction(
     u = scene.displacement(x, e)
     multipliers = x[scene.n_free :]
     if isinstance(at, Row):
-        found = [k for k, row in enumerate(scene.rows) if row is at]
-        if not found:
+        number = [k for k, row in enumerate(scene.rows) if row is at]
+        if not number:
             raise ValueError(f"the row {at.name!r} is none of this scene's; take one of its rows")
-        forces = -multipliers[found[0]] * np.asarray(at.coefficients, dtype=float)
+        forces = -multipliers[number[0]] * np.asarray(at.coefficients, dtype=float)
     else:
         total = scene.evaluate(u, e, 1).force
         if total is None:

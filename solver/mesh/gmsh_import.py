@@ -81,9 +81,9 @@ def from_model() -> skfem.Mesh:
     groups = load_gmsh().model.getPhysicalGroups
     kinds = [int(k) for k in mesh.getElementTypes(3)]
     if len(kinds) != 1 or kinds[0] not in TETRAHEDRA | HEXAHEDRA:
-        found = ", ".join(mesh.getElementProperties(k)[0] for k in kinds) or "none"
+        names = ", ".join(mesh.getElementProperties(k)[0] for k in kinds) or "none"
         raise ValueError(
-            f"volume elements in the Gmsh model: {found}; expected one kind: tetrahedra with 4 or "
+            f"volume elements in the Gmsh model: {names}; expected one kind: tetrahedra with 4 or "
             "10 nodes, or hexahedra with 8, 20 or 27"
         )
     kind = kinds[0]
@@ -149,8 +149,8 @@ def _second_order(local: np.ndarray, X: np.ndarray, cells: np.ndarray):
             return X[cells[:, a]]
         # Face and centre nodes, which 20-node hexahedra don't have.
         nodes = [_nearest(local, p) for p in serendipity.doflocs]
-        share = [serendipity.lbasis(at[:, None], b)[0].item() for b in range(20)]
-        return np.einsum("b,mbi->mi", share, X[cells[:, nodes]])
+        weights = [serendipity.lbasis(at[:, None], b)[0].item() for b in range(20)]
+        return np.einsum("b,mbi->mi", weights, X[cells[:, nodes]])
 
     return positions
 
@@ -169,7 +169,7 @@ def _faces(mesh, entities, place) -> np.ndarray:
 def _match(mesh: skfem.Mesh, named: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
     """Facet numbers of faces given by their corners."""
     mine = np.sort(facets(mesh).vertices, axis=0)
-    found = {}
+    facets_of = {}
     for name, faces in named.items():
         theirs = np.sort(faces.T, axis=0)
         if len(theirs) != len(mine):
@@ -177,7 +177,7 @@ def _match(mesh: skfem.Mesh, named: Mapping[str, np.ndarray]) -> dict[str, np.nd
         both, back = np.unique(np.hstack([mine, theirs]), axis=1, return_inverse=True)
         of = np.full(both.shape[1], -1)
         of[back.ravel()[: mine.shape[1]]] = np.arange(mine.shape[1])
-        found[name] = np.unique(of[back.ravel()[mine.shape[1] :]])
-        if found[name][0] < 0:
+        facets_of[name] = np.unique(of[back.ravel()[mine.shape[1] :]])
+        if facets_of[name][0] < 0:
             raise ValueError(f"boundary {name!r} has faces that belong to no cell; mend the model")
-    return found
+    return facets_of

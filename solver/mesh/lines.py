@@ -85,7 +85,7 @@ def _segments(element: str) -> np.ndarray:
     """Local nodes of each straight line of nodes in a cell, (segments, 2 | 3)."""
     X = ELEMENTS[element][0]().doflocs
     corner = np.isin(X, (0, 1)).all(axis=1)
-    found = []
+    lines = []
     for a, b in combinations(range(len(X)), 2):
         across = np.abs(X[a] - X[b])
         straight = corner[[a, b]].all()
@@ -93,5 +93,5 @@ def _segments(element: str) -> np.ndarray:
             straight = sorted(across) == [0, 0, 1]
         middle = np.flatnonzero(np.abs(X - (X[a] + X[b]) / 2).max(axis=1) < 1e-9)
         if straight and (corner.all() or len(middle)):
-            found.append([a, *middle, b])
-    return np.array(found)
+            lines.append([a, *middle, b])
+    return np.array(lines)

@@ -77,11 +77,11 @@ class DeadLoad:
         if self._memo is None or (self._memo[0] != e and varies(self.vector)):
             r, shape = self.region, self.region.weights.shape
             t = resolve(self.name, self.vector, e, shape, self._points, (3,))
-            share = np.einsum(
+            per_facet = np.einsum(
                 "fq,fqk,fqi->fki", r.weights, r.shapes, np.broadcast_to(t, (*shape, 3))
             )
             loads = np.zeros_like(self.body.nodes)
-            np.add.at(loads, r.nodes, share)
+            np.add.at(loads, r.nodes, per_facet)
             self._memo = (e, loads)
         return self._memo[1]
 

@@ -25,8 +25,10 @@ def mean_displacement_row(
     """
     refuse_region(body, region, Surface, Line)
     d = unit_vector(direction)
-    share = np.einsum("fq,fqk->fk", region.weights, region.shapes)
-    return _row(body, region, share[..., None] * d / region.weights.sum(), value, "displacement")
+    coefficients = np.einsum("fq,fqk->fk", region.weights, region.shapes)
+    return _row(
+        body, region, coefficients[..., None] * d / region.weights.sum(), value, "displacement"
+    )
 
 
 def mean_rotation_row(
@@ -49,8 +51,8 @@ def mean_rotation_row(
     inertia = np.einsum("fq,fqi,fqi->", region.weights, turn, turn)
     if not inertia > 1e-18 * body.length**2 * region.weights.sum():
         raise ValueError(f"the region lies along the axis {tuple(a)}; nothing turns about it")
-    share = np.einsum("fq,fqk,fqi->fki", region.weights, region.shapes, turn) / inertia
-    return _row(body, region, share, value, "rotation")
+    coefficients = np.einsum("fq,fqk,fqi->fki", region.weights, region.shapes, turn) / inertia
+    return _row(body, region, coefficients, value, "rotation")
 
 
 def flat_rows(body: Body, surface: Surface) -> list[Row]:
@@ -81,17 +83,17 @@ def flat_rows(body: Body, surface: Surface) -> list[Row]:
     third = np.linalg.norm(np.cross(arm - arm[first], along), axis=1).argmax()
     masters = [first, second, third]
     in_plane = np.hstack([arm @ axes[:2].T, np.ones((len(nodes), 1))])
-    shares = np.linalg.solve(in_plane[masters].T, in_plane.T).T
+    weights = np.linalg.solve(in_plane[masters].T, in_plane.T).T
     rows = []
     for k in np.setdiff1d(np.arange(len(nodes)), masters):
         c = np.zeros_like(body.nodes)
         c[nodes[k]] = normal
-        c[nodes[masters]] -= shares[k][:, None] * normal
+        c[nodes[masters]] -= weights[k][:, None] * normal
         rows.append(Row(c, name="flat face"))
     return rows
 
 
-def _row(body: Body, region, share: np.ndarray, value: Value, what: str) -> Row:
+def _row(body: Body, region, coefficients: np.ndarray, value: Value, what: str) -> Row:
     c = np.zeros_like(body.nodes)
-    np.add.at(c, region.nodes, share)
+    np.add.at(c, region.nodes, coefficients)
     return Row(c, value, f"mean {what}")

@@ -114,7 +114,7 @@ class Bent:
     def error(self) -> float:
         """Of ``angle`` against the solid, in rad: what most of the designs of :data:`ERROR` keep.
 
-        A share of the angle, of the contraction, of what the weight takes from the natural turn
+        A fraction of the angle, of the contraction, of what the weight takes from the natural turn
         (over the softness, as what is nearly unstable multiplies errors), and of the natural turn
         where the layers are thick against the hinge's length, so that its ends overlap.
         """
@@ -151,7 +151,7 @@ def ends(h_ratio: float, E_ratio: float) -> np.ndarray:
     M per width; plane strain, ν = 0.3. Raises ValueError outside of the table.
     """
     *axes, table = _ends_table()
-    shares, starts = [], []
+    weights, starts = [], []
     for name, value, axis in zip(("h_ratio", "E_ratio"), (h_ratio, E_ratio), axes, strict=True):
         at = (np.log10(value) - axis[0]) / (axis[1] - axis[0])
         if not -1e-9 <= at <= len(axis) - 1 + 1e-9:
@@ -160,14 +160,14 @@ def ends(h_ratio: float, E_ratio: float) -> np.ndarray:
                 f"{10 ** axis[-1]:g}"
             )
         start = min(max(int(at) - 1, 0), len(axis) - 4)
-        shares.append(_cubic(at - start))
+        weights.append(_cubic(at - start))
         starts.append(start)
-    (i, j), (x, y) = starts, shares
+    (i, j), (x, y) = starts, weights
     return np.einsum("i,j,ijk->k", x, y, table[i : i + 4, j : j + 4])
 
 
 def _cubic(t: float) -> np.ndarray:
-    """Shares of values at 0, 1, 2 and 3 in the cubic through them at t."""
+    """Weights of the values at 0, 1, 2 and 3 in the cubic through them at t."""
     a, b, c = t - 1, t - 2, t - 3
     return np.array([-a * b * c / 6, t * b * c / 2, -t * a * c / 2, t * a * b / 6])
 

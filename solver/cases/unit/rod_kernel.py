@@ -151,23 +151,23 @@ def settle(x, rods, nodes, ground, shape, work, gains, tolerance, most):
             turned += step[i]
             largest = max(largest, abs(turned))
         # No step turns a node by more than half a radian.
-        share = min(1.0, 0.5 / largest) if largest > 0 else 1.0
+        fraction = min(1.0, 0.5 / largest) if largest > 0 else 1.0
         height = abs(step[0]) / ground[RANGE]
         done = largest < tolerance and height < tolerance
         new = np.inf
         for _ in range(40):
             for i in range(n + 1):
-                trial[i] = x[i] + share * step[i]
+                trial[i] = x[i] + fraction * step[i]
             new = energy(trial, rods, nodes, ground, shape)
             # Near the end a difference of energies is nothing but rounding.
             close = max(largest, height) < 1e-5 and np.isfinite(new)
-            if close or new <= now - 1e-4 * share * work_done:
+            if close or new <= now - 1e-4 * fraction * work_done:
                 break
-            share *= 0.5
+            fraction *= 0.5
         else:
             return -iteration, rocking, 0.0
         x[:], now = trial, new
-        if done and share == 1.0:
+        if done and fraction == 1.0:
             if negative == 0:
                 moved = 0.0
                 for j in range(n + 1):
