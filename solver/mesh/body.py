@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
-from functools import cached_property, partial
+from functools import cached_property
 
 import numba
 import numpy as np
@@ -19,6 +19,7 @@ from skfem.quadrature import get_quadrature
 
 from solver.mesh import checks, interpolation, locking
 from solver.mesh.given import mask, numbers
+from solver.mesh.surface import Surface
 
 # name: (scikit-fem element, quadrature order). hex20 is the reduced one, with 2 × 2 × 2 points.
 ELEMENTS = {
@@ -39,6 +40,27 @@ def _bent_rule(axis: int) -> tuple[np.ndarray, np.ndarray]:
     points = np.meshgrid(*[(x + 1) / 2 for x, _ in lines], indexing="ij")
     weights = np.meshgrid(*[w / 2 for _, w in lines], indexing="ij")
     return np.array([x.ravel() for x in points]), np.prod([w.ravel() for w in weights], axis=0)
+
+
+def _rule(element: str, bent: int | None) -> tuple[np.ndarray, np.ndarray]:
+    """Points (3, q) and weights (q,) of a cell's quadrature."""
+    maker, order = ELEMENTS[element]
+    return get_quadrature(maker.refdom, order) if bent is None else _bent_rule(bent)
+
+
+def _shapes(mesh, reference, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Shape functions (q, k) at points (3, q) of the reference cell, their gradients (m, q, k, 3)
+    with respect to X."""
+    q = points.shape[1]
+    local = [reference.lbasis(points, a) for a in range(len(reference.doflocs))]
+    shapes = np.stack([np.broadcast_to(value, q) for value, _ in local], 1)
+    slopes = np.stack([np.broadcast_to(slope, (3, q)) for _, slope in local]).transpose(2, 0, 1)
+    gradients = np.empty((mesh.t.shape[1], *slopes.shape))
+    for start in range(0, len(gradients), checks.CHUNK):
+        part = slice(start, start + checks.CHUNK)
+        J = checks.jacobians(mesh, points, part).transpose(0, 3, 1, 2)
+        gradients[part] = slopes @ np.linalg.inv(J)
+    return shapes, gradients
 
 
 def _geometry(mesh: skfem.Mesh, element: str) -> skfem.Mesh:
@@ -89,13 +111,8 @@ class NodeGraph:
         )
 
     def find(self, other: NodeGraph) -> np.ndarray:
-        """Where each block of ``other``, a part of this graph, stands in this one."""
-        return np.searchsorted(self._keys, other._keys)
-
-    @cached_property
-    def _keys(self) -> np.ndarray:
-        """One rising number per block."""
-        return np.repeat(np.arange(self.n), np.diff(self.indptr)) * self.n + self.indices
+        """Where each block of ``other`` stands in this graph; −1 where it doesn't."""
+        return _find(self.indptr, self.indices, other.indptr, other.indices)
 
     @classmethod
     def of(cls, n: int, *connectivities: np.ndarray) -> NodeGraph:
@@ -111,7 +128,7 @@ class NodeGraph:
     def union(cls, graphs) -> NodeGraph:
         """The blocks of all of them; one of them itself where it has all."""
         most = max(graphs, key=lambda g: g.blocks)
-        if all(g is most or np.isin(g._keys, most._keys).all() for g in graphs):
+        if all(g is most or (most.find(g) >= 0).all() for g in graphs):
             return most
         rows = [np.repeat(np.arange(g.n), np.diff(g.indptr)) for g in graphs]
         cols = [g.indices for g in graphs]
@@ -123,6 +140,19 @@ class NodeGraph:
         graph.sum_duplicates()
         graph.sort_indices()
         return cls(graph.indptr.astype(np.int64), graph.indices.astype(np.int32))
+
+
+@numba.njit(cache=True)
+def _find(indptr, indices, rows, columns):
+    out = np.full(len(columns), -1)
+    for a in range(len(rows) - 1):
+        at, end = indptr[a], indptr[a + 1]
+        for k in range(rows[a], rows[a + 1]):
+            while at < end and indices[at] < columns[k]:
+                at += 1
+            if at < end and indices[at] == columns[k]:
+                out[k] = at
+    return out
 
 
 @numba.njit(cache=True)
@@ -145,23 +175,6 @@ def _positions(indptr, indices, cells):
 
 
 @dataclass(frozen=True, eq=False)
-class Surface:
-    """Facets of a body with their own shape functions, for loads on surfaces.
-
-    ``nodes`` (f, k): nodes of each facet; ``shapes`` (f, q, k); ``tangents`` (f, q, k, 2):
-    gradients of the shapes along two orthonormal reference tangents t₁, t₂ with t₁ × t₂ = outward
-    normal; ``weights`` (f, q): reference area; ``normals`` (f, q, 3), outward, reference.
-    """
-
-    nodes: np.ndarray
-    shapes: np.ndarray
-    tangents: np.ndarray
-    weights: np.ndarray
-    normals: np.ndarray
-    frames: np.ndarray = field(repr=False)  # (f, q, 2, 3): t₁, t₂
-
-
-@dataclass(frozen=True, eq=False)
 class Body:
     """Mesh and element as arrays; make one with :meth:`build`.
 
@@ -172,7 +185,6 @@ class Body:
     mesh: skfem.Mesh
     element: str
     bent: int | None
-    basis: skfem.Basis = field(repr=False)
     nodes: np.ndarray = field(repr=False)
     cells: np.ndarray = field(repr=False)
     shapes: np.ndarray = field(repr=False)
@@ -212,15 +224,15 @@ class Body:
             return cls.build(body.mesh, "hex20", parts=parts)
         if not isinstance(element, str) or element not in ELEMENTS:
             raise ValueError(f"no element {element!r}; there are: {', '.join(ELEMENTS)}")
-        maker, order = ELEMENTS[element]
+        maker, _ = ELEMENTS[element]
         if bent is not None and (element != "hex27" or bent not in (0, 1, 2)):
             raise ValueError(f"bent = {bent} with {element}; expected 0, 1 or 2, and hex27")
         mesh = _geometry(mesh, element)
         checks.refuse_nodes(mesh)
-        rule = get_quadrature(mesh.elem.refdom, order) if bent is None else _bent_rule(bent)
+        rule = _rule(element, bent)
         # The nodes too: curved cells often fail at their corners first.
-        points = np.hstack([rule[0], maker().doflocs.T])
-        scaled = checks.determinants(mesh, points)[1]
+        reference = maker()
+        det, scaled = checks.determinants(mesh, np.hstack([rule[0], reference.doflocs.T]))
         checks.refuse_cells(mesh, scaled)
         checks.refuse_distance(mesh)
         table = checks.facets(mesh)
@@ -229,17 +241,24 @@ class Body:
             checks.refuse_gaps(mesh, table)
         # What scikit-fem would sort out again, more slowly.
         mesh._facets, mesh._t2f, mesh._f2t = table.vertices, table.of_cell, table.cells
-        basis = skfem.Basis(mesh, maker(), quadrature=rule)
-        cells = np.ascontiguousarray(basis.element_dofs.T, dtype=np.int32)
-        k = cells.shape[1]
-        gradients = np.empty((*basis.dx.shape, k, 3))
-        shapes = np.empty((basis.dx.shape[1], k))
-        for a in range(k):
-            gradients[:, :, a, :] = np.moveaxis(np.asarray(basis.basis[a][0].grad), 0, -1)
-            shapes[:, a] = np.asarray(basis.basis[a][0])[0]
-        weights = np.ascontiguousarray(np.asarray(basis.dx))
-        nodes = np.ascontiguousarray(basis.doflocs.T)
-        return cls(mesh, element, bent, basis, nodes, cells, shapes, gradients, weights)
+        dofs = skfem.Dofs(mesh, reference)
+        cells = np.ascontiguousarray(dofs.element_dofs.T, dtype=np.int32)
+        nodes = np.empty((dofs.N, 3))
+        nodes[cells] = checks.positions(mesh, reference.doflocs.T)
+        shapes, gradients = _shapes(mesh, reference, rule[0])
+        weights = np.abs(det[:, : len(rule[1])]) * rule[1]
+        return cls(mesh, element, bent, nodes, cells, shapes, gradients, weights)
+
+    @cached_property
+    def reference(self) -> skfem.Element:
+        """scikit-fem's element, which knows the reference cell."""
+        return ELEMENTS[self.element][0]()
+
+    @cached_property
+    def basis(self) -> skfem.Basis:
+        """scikit-fem's own arrays of the same body, for what is asked for rarely."""
+        rule = _rule(self.element, self.bent)
+        return skfem.Basis(self.mesh, self.reference, quadrature=rule)
 
     def locking(self, u: np.ndarray | None = None) -> tuple[locking.Locking, ...]:
         """What the shape of the elements costs, displaced by u (n, 3) if given; () if nothing."""
@@ -267,7 +286,7 @@ class Body:
 
     def points(self) -> np.ndarray:
         """Reference positions of the quadrature points, (m, q, 3)."""
-        return np.moveaxis(np.asarray(self.basis.global_coordinates()), 0, -1)
+        return self.shapes @ self.nodes[self.cells]
 
     def node_volumes(self, density: np.ndarray | float = 1.0) -> np.ndarray:
         """∫ ρ N_a dV for every node, (n,); ``density`` broadcasts to (m, q)."""
@@ -341,50 +360,5 @@ class Body:
                 )
         if not len(chosen):
             raise ValueError("no facet was chosen; check the name or the test of the centres")
-        maker, _ = ELEMENTS[self.element]
         order = SURFACE_ORDER[self.element]
-        # Nothing here depends on where the body is, and far from the origin roundoff is large.
-        centre = mesh.doflocs.mean(axis=1, keepdims=True)
-        near = replace(mesh, doflocs=mesh.doflocs - centre)
-        near._facets, near._t2f, near._f2t = mesh.facets, mesh.t2f, mesh.f2t
-        mapping = near.mapping()
-        if hasattr(mapping, "J"):
-            # In cells thinner than 1e-4 of their distance from the centre roundoff is above 1e-12.
-            mapping.invF = partial(mapping.invF, newton_tol=1e-9)
-        try:
-            basis = skfem.FacetBasis(near, maker(), mapping, facets=chosen, intorder=order)
-        except Exception as error:
-            if "Newton iteration" not in str(error):
-                raise
-            raise ValueError(
-                "the cells at the facets are too thin, too distorted or too far from the rest of "
-                "the body for double precision; mend the mesh, or take larger cells"
-            ) from None
-        value = np.stack([np.asarray(basis.basis[a][0]) for a in range(basis.Nbfun)], -1)
-        grad = np.stack([np.asarray(basis.basis[a][0].grad) for a in range(basis.Nbfun)], -1)
-        # Only the shapes that live on the facet: the others vanish there.
-        live = np.abs(value).max(axis=1) > 1e-7
-        k = int(live[0].sum())
-        pick = np.argsort(~live, axis=1, kind="stable")[:, :k]
-        dofs = basis.element_dofs.T if len(basis.element_dofs.T) == len(chosen) else None
-        if dofs is None:
-            dofs = self.cells[basis.tind]
-        nodes = np.take_along_axis(np.asarray(dofs), pick, axis=1).astype(np.int32)
-        shapes = np.take_along_axis(value, pick[:, None, :], axis=2)
-        grads = np.take_along_axis(np.moveaxis(grad, 0, -2), pick[:, None, None, :], axis=3)
-        normals = np.moveaxis(np.asarray(basis.normals), 0, -1)
-        least = np.eye(3)[np.argmin(np.abs(normals), axis=-1)]
-        t1 = np.cross(least, normals)
-        t1 /= np.linalg.norm(t1, axis=-1, keepdims=True)
-        t2 = np.cross(normals, t1)
-        frames = np.stack([t1, t2], axis=-2)
-        tangents = np.einsum("fqik,fqti->fqkt", grads, frames)
-        weights = np.ascontiguousarray(np.asarray(basis.dx))
-        return Surface(
-            nodes,
-            np.ascontiguousarray(shapes),
-            np.ascontiguousarray(tangents),
-            weights,
-            normals,
-            frames,
-        )
+        return Surface.of(mesh, self.reference, self.cells, chosen, order)

@@ -102,7 +102,15 @@ def jacobians(mesh: skfem.Mesh, points: np.ndarray, cells: slice | np.ndarray = 
     gradients = np.stack([mesh.elem().lbasis(points, a)[1] for a in range(len(dofs))])
     gradients = np.broadcast_to(gradients, (len(dofs), 3, points.shape[1]))
     X = np.ascontiguousarray(mesh.doflocs[:, dofs].transpose(2, 0, 1))  # (m, 3, k)
+    X -= X[:, :, :1]  # far from the origin roundoff is large
     return (X @ gradients.reshape(len(dofs), -1)).reshape(-1, 3, 3, points.shape[1])
+
+
+def positions(mesh: skfem.Mesh, points: np.ndarray) -> np.ndarray:
+    """Positions (m, q, 3) of reference points (3, q) in all cells."""
+    dofs, element = mesh.dofs.element_dofs, mesh.elem()
+    values = np.stack([element.lbasis(points, a)[0] for a in range(len(dofs))], axis=-1)
+    return values @ mesh.doflocs[:, dofs].T
 
 
 def determinants(mesh: skfem.Mesh, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

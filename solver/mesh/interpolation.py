@@ -44,7 +44,7 @@ def matrix(body: Body, points: np.ndarray) -> sp.csr_array:
     if (off > 1e-6).any():
         raise ValueError(f"the point {tuple(points[off.argmax()])} is outside of the body")
     local = np.clip(local, 0, 1).T
-    element = body.basis.elem
+    element = body.reference
     values = np.stack([element.lbasis(local, a)[0] for a in range(body.cells.shape[1])], 1)
     # A sum that takes each node once per point, so that no duplicates have to be looked for.
     indptr = values.shape[1] * np.arange(len(points) + 1)

@@ -85,7 +85,7 @@ def excess(body: Body, u: np.ndarray | None = None) -> float:
         return 0.0 if u is None else _sheared(body, u)
     X = body.nodes if u is None else body.nodes + u
     rises = []
-    for edges in _edges(body.basis.elem.doflocs, body.element, body.bent):
+    for edges in _edges(body.reference.doflocs, body.element, body.bent):
         start, middle, end = (X[body.cells[:, edges[:, i]]] for i in range(3))  # (m, edges, 3)
         rises.append(8 * (middle - (start + end) / 2))
     corners = body.cells[:, : body.mesh.nnodes]
@@ -108,7 +108,7 @@ def excess(body: Body, u: np.ndarray | None = None) -> float:
 
 def _sheared(body: Body, u: np.ndarray) -> float:
     """The same of linear elements, where u moves them across their thinnest direction."""
-    edges = np.concatenate(_edges(body.basis.elem.doflocs, body.element, None))
+    edges = np.concatenate(_edges(body.reference.doflocs, body.element, None))
     ends = body.nodes[body.cells[:, edges]]
     longest = np.linalg.norm(ends[:, :, 1] - ends[:, :, 0], axis=-1).max(axis=1)
     cells = _sample(0.4 * (longest**3 / body.weights.sum(axis=1)) ** 2, LINEAR)

@@ -39,15 +39,20 @@ class Growth:
         Raises Unphysical, naming the place, where det Fg is not positive or not finite, and
         ValueError for fields or masks of the wrong shape.
         """
-        Fg = self.tensor(e, shape, points)
+        Fg, mask = self.tensor(e, shape, points), None
         if self.cells is not None:
             if self.cells.shape != shape[:1] or self.cells.dtype != bool:
                 raise ValueError(
                     f"the growth's cells have shape {self.cells.shape} and type "
                     f"{self.cells.dtype}; expected a mask ({shape[0]},) of booleans"
                 )
-            Fg = np.where(self.cells[:, None, None, None], Fg, np.eye(3))
+            mask = self.cells[:, None, None, None]
+            if Fg.shape[:2] != (1, 1) or not self.cells.any():
+                Fg, mask = np.where(mask, Fg, np.eye(3)), None
+        # Of a growth that is everywhere the same one tensor is inverted, and then masked.
         J = np.linalg.det(Fg)
+        if mask is not None:
+            J = np.where(mask[..., 0, 0], J, 1.0)
         if not (np.isfinite(J) & (J > 0)).all():
             cell, point = np.argwhere(~(np.isfinite(J) & (J > 0)))[0]
             where = "everywhere"
@@ -60,7 +65,10 @@ class Growth:
                 f"growth has det Fg = {J[cell, point]:.4g} {where} at e = {e:g}; expected a "
                 "positive, finite determinant: contract less (g > -1) or mend the field"
             )
-        return np.ascontiguousarray(np.linalg.inv(Fg)), np.ascontiguousarray(J)
+        inverse = np.linalg.inv(Fg)
+        if mask is not None:
+            inverse = np.where(mask, inverse, np.eye(3))
+        return np.ascontiguousarray(inverse), np.ascontiguousarray(J)
 
 
 def _dyads(frame: np.ndarray, stretches: np.ndarray) -> np.ndarray:

@@ -34,7 +34,8 @@ class Gravity:
 
     def weights(self, e: float) -> np.ndarray:
         """Weight of each node as a vector, (n, 3); it sums to the body's weight."""
-        if self._memo is None or (self._memo[0] != e and varies(self.density)):
+        still = not (varies(self.density) or callable(self.g))
+        if self._memo is None or (self._memo[0] != e and not still):
             shape = self.body.weights.shape
             rho = resolve("density", self.density, e, shape, self.body.points)
             if not (rho >= 0).all():
@@ -42,11 +43,12 @@ class Gravity:
                     f"density = {rho.min():g} at e = {e:g}; expected density >= 0: turn g around "
                     "to pull the other way"
                 )
-            self._memo = (e, self.body.node_volumes(rho))
-        g = numbers("g", self.g(e) if callable(self.g) else self.g)
-        if g.shape not in ((), (3,)) or not np.isfinite(g).all():
-            raise ValueError(f"g = {g}; expected a magnitude along -z or a vector of three")
-        return self._memo[1][:, None] * (g if g.ndim else np.array([0.0, 0.0, -g]))
+            g = numbers("g", self.g(e) if callable(self.g) else self.g)
+            if g.shape not in ((), (3,)) or not np.isfinite(g).all():
+                raise ValueError(f"g = {g}; expected a magnitude along -z or a vector of three")
+            vector = g if g.ndim else np.array([0.0, 0.0, -g])
+            self._memo = (e, self.body.node_volumes(rho)[:, None] * vector)
+        return self._memo[1]
 
     def evaluate(self, u: np.ndarray, e: float, order: int = 2) -> Evaluation:
         """Energy and force = −weight; u (n, 3)."""
