@@ -141,7 +141,8 @@ def advise(
             f"nothing turns by more than {turn:.2g} rad: small strain and small rotations would do "
             f"(off by about {100 * turn**2 / 6:.1g} %)"
         )
-    lost = [x for x in e["events"] if x["kind"] in ("sideways", "rocking", "twisting")]
+    kinds = ("sideways", "rocking", "twisting", "bifurcation")
+    lost = [x for x in e["events"] if x["kind"] in kinds]
     whole = {0: "the whole unit", 1: "half of it"}
     if lost:
         says.append(

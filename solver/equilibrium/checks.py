@@ -14,7 +14,7 @@ from solver.physics.supports import Row
 
 
 def row_matrix(rows: Sequence[Row], n: int, to_local) -> sp.csr_array:
-    """The coefficients of all rows in the nodes' frames, (rows, 3 n).
+    """The coefficients of all rows in the nodes' frames, (rows, 3 n), by ``to_local`` of (n, 3).
 
     Raises ValueError for coefficients of another shape, or that are zero or not finite, and for a
     value that is no finite number at e = 0.
@@ -89,7 +89,10 @@ def refuse_free_motion(scene, x: np.ndarray, e: float) -> None:
     n, part = connected_components(sp.csr_array(pairs, shape=(graph.n, graph.n)))
     modes = np.concatenate([_rigid(body.nodes + u, part == k) for k in range(n)])
     M = np.column_stack([held.to_local(m.copy()).ravel() for m in modes])
-    against = np.vstack([M[~held.free], scene.frame.C @ M])
+    fixed = ~held.free
+    fixed[held.tied] = False
+    apart = M[held.tied] - held.signs[:, None] * M[held.masters]
+    against = np.vstack([M[fixed], apart, scene.frame.C @ M])
     free = np.eye(len(modes))
     if len(against):
         _, sizes, rest = np.linalg.svd(np.linalg.qr(against, mode="r"), full_matrices=True)

@@ -21,7 +21,7 @@ from solver.equilibrium import checks
 from solver.equilibrium.linear import Factor, ScaledFactor, SingularMatrix, make_solver
 from solver.mesh.body import Body, NodeGraph
 from solver.mesh.given import all_of
-from solver.physics.supports import Fixed, Held, Row
+from solver.physics.supports import Fixed, Held, Row, Tied
 from solver.physics.term import Term
 
 
@@ -31,8 +31,8 @@ class Pattern:
 
     ``graph``: blocks of the stiffness; ``indptr`` (size + 1,), ``indices`` (entries,); ``diagonal``
     (n_free,): entries that stand on it; ``held``: supports, whose turned nodes turn their blocks.
-    ``index`` (entries,): for each entry its place in the blocks (flat) followed by ``tail``, the
-    values of the rows.
+    ``index`` (entries,): for each entry its place in the blocks (flat), followed by those of
+    ``merged`` and by ``tail``, the values of the rows.
     """
 
     graph: NodeGraph
@@ -42,10 +42,15 @@ class Pattern:
     diagonal: np.ndarray
     index: np.ndarray
     tail: np.ndarray
+    merged: Merged | None = None
 
     @classmethod
     def of(cls, graph: NodeGraph, held: Held, C: sp.csr_array, symmetric: bool) -> Pattern:
         """The pattern for blocks on a graph and rows C (rows, 3 nodes) in the nodes' frames."""
+        merged = Merged.of(graph, held) if len(held.tied) else None
+        own = graph if merged is None else merged.graph
+        places = np.arange(graph.blocks) if merged is None else merged.places
+        blocks = graph.blocks + (0 if merged is None else merged.count)
         n_free, n_rows = len(held.index), C.shape[0]
         number = np.full(C.shape[1], -1)
         number[held.index] = np.arange(n_free)
@@ -54,19 +59,22 @@ class Pattern:
         along.sort_indices()
         tail = np.concatenate([along.data, free.data, [0.0]]) if n_rows else np.zeros(0)
         indptr, indices, index, diagonal = _entries(
-            graph.indptr, graph.indices, number, n_free, n_rows, symmetric,
+            own.indptr, own.indices, places, blocks, number, n_free, n_rows, symmetric,
             along.indptr.astype(np.int64), along.indices.astype(np.int64),
             free.indptr.astype(np.int64), free.indices.astype(np.int64),
         )  # fmt: skip
-        return cls(graph, held, indptr, indices, diagonal, index, tail)
+        return cls(graph, held, indptr, indices, diagonal, index, tail, merged)
 
     def gather(self, blocks: np.ndarray) -> np.ndarray:
         """The matrix's entries (entries,) from blocks (blocks, 3, 3) in the common frame."""
         if len(self.held.turned):
             blocks = self._turn(blocks)
-        flat = blocks.reshape(-1)
+        parts = [blocks.reshape(-1)]
+        if self.merged is not None:
+            parts.append(self.merged.sums(blocks).reshape(-1))
         if len(self.tail):
-            flat = np.concatenate([flat, self.tail])
+            parts.append(self.tail)
+        flat = parts[0] if len(parts) == 1 else np.concatenate(parts)
         return flat[self.index]
 
     def _turn(self, blocks: np.ndarray) -> np.ndarray:
@@ -82,13 +90,62 @@ class Pattern:
         return out
 
 
+@dataclass(frozen=True, eq=False)
+class Merged:
+    """Where nodes are tied to others: Tᵀ K T, block by block.
+
+    ``graph``: of what is left, with no blocks of tied nodes but their diagonal; ``places``: where
+    each of its blocks stands among those of the terms followed by the ``count`` sums; ``sources``
+    of the sums among the terms', with the ``signs`` (sources, 3, 3), and the sum that each
+    belongs ``to``.
+    """
+
+    graph: NodeGraph
+    places: np.ndarray
+    count: int
+    sources: np.ndarray
+    signs: np.ndarray
+    to: np.ndarray
+
+    @classmethod
+    def of(cls, graph: NodeGraph, held: Held) -> Merged:
+        """For blocks on a graph and the ties of supports."""
+        n = graph.n
+        image, sign = np.arange(n), np.ones((n, 3))
+        image[held.tied[::3] // 3] = held.masters[::3] // 3
+        sign[held.tied[::3] // 3] = held.signs.reshape(-1, 3)
+        a, b = np.repeat(np.arange(n), np.diff(graph.indptr)), graph.indices
+        own = NodeGraph.of(n, np.stack([image[a], image[b]], axis=1))
+        where = own.positions(np.stack([image[a], image[b]], axis=1))[:, 0, 1]
+        moved = (image[a] != a) | (image[b] != b)
+        summed = np.zeros(own.blocks, bool)
+        summed[where[moved]] = True
+        number = np.cumsum(summed) - 1
+        sources = np.flatnonzero(summed[where])
+        places = np.zeros(own.blocks, int)
+        plain = ~summed[where]
+        places[where[plain]] = np.flatnonzero(plain)
+        places[summed] = graph.blocks + number[summed]
+        signs = sign[a[sources], :, None] * sign[b[sources], None, :]
+        return cls(own, places, int(summed.sum()), sources, signs, number[where[sources]])
+
+    def sums(self, blocks: np.ndarray) -> np.ndarray:
+        """The summed blocks (count, 3, 3)."""
+        out = np.zeros((self.count, 3, 3))
+        np.add.at(out, self.to, self.signs * blocks[self.sources])
+        return out
+
+
 @numba.njit(cache=True)
 def _entries(
-    starts, nodes, number, n_free, n_rows, symmetric, along, along_rows, free, free_columns
-):
-    """Row by row: the free entries of the blocks, then those of the rows, which stand behind."""
-    blocks = len(nodes)
-    most = 9 * blocks + 2 * len(along_rows) + n_rows
+    starts, nodes, places, blocks, number, n_free, n_rows, symmetric,
+    along, along_rows, free, free_columns,
+):  # fmt: skip
+    """Row by row: the free entries of the blocks, then those of the rows, which stand behind.
+
+    ``places``: of each block of nodes among all ``blocks``.
+    """
+    most = 9 * len(nodes) + 2 * len(along_rows) + n_rows
     indptr = np.zeros(n_free + n_rows + 1, np.int64)
     indices, index = np.empty(most, np.int32), np.empty(most, np.int64)
     diagonal = np.empty(n_free, np.int64)
@@ -104,7 +161,7 @@ def _entries(
                         continue
                     if column == row:
                         diagonal[row] = at
-                    indices[at], index[at] = column, 9 * block + 3 * i + j
+                    indices[at], index[at] = column, 9 * places[block] + 3 * i + j
                     at += 1
             for k in range(along[row], along[row + 1]):
                 indices[at], index[at] = n_free + along_rows[k], 9 * blocks + k
@@ -139,6 +196,7 @@ class Frame:
         fixed: Sequence[Fixed],
         rows: Sequence[Row],
         linear: str,
+        tied: Sequence[Tied] = (),
     ):
         """Raises ValueError for supports and rows that contradict or repeat each other, for a body
         that is held all over, and for rows with conjugate gradients."""
@@ -147,10 +205,10 @@ class Frame:
             raise ValueError("conjugate gradients can't take constraint rows; use a direct method")
         n = len(body.nodes)
         self.rows = rows
-        self.held = Held(n, fixed)
+        self.held = held = Held(n, fixed, all_of("tied", Tied, tied))
         if not len(self.held.index):
             raise ValueError("every displacement is prescribed, so there is nothing to solve for")
-        self.C = checks.row_matrix(self.rows, n, self.held.to_local)
+        self.C = checks.row_matrix(self.rows, n, lambda c: held.collect(held.to_local(c).ravel()))
         self.C_free = self.C[:, self.held.index]
         checks.refuse_rows(self.rows, self.C, self.C_free)
         self.symmetric = all(term.symmetric for term in terms)

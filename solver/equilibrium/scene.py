@@ -23,7 +23,7 @@ from solver.equilibrium.pattern import Frame
 from solver.mesh.body import Body, NodeGraph
 from solver.mesh.given import number, one_of
 from solver.physics.fields import Unphysical
-from solver.physics.supports import Fixed, Row
+from solver.physics.supports import Fixed, Row, Tied
 from solver.physics.term import Evaluation, Term
 
 
@@ -111,12 +111,13 @@ class Scene:
         terms: Sequence[Term],
         *,
         fixed: Sequence[Fixed] = (),
+        tied: Sequence[Tied] = (),
         rows: Sequence[Row] = (),
         scales: Scales | None = None,
         linear: str = "auto",
         frame: Frame | None = None,
     ):
-        """``frame``: instead of ``fixed``, ``rows`` and ``linear``, another scene's.
+        """``frame``: instead of ``fixed``, ``tied``, ``rows`` and ``linear``, another scene's.
 
         Raises ValueError for terms of another body or none with stiffness, and for supports and
         rows that contradict or repeat each other or leave nothing free.
@@ -125,7 +126,7 @@ class Scene:
         self.terms = _checked(terms, body)
         if not any(term.graph is not None for term in self.terms):
             raise ValueError("no term has a stiffness; add an Elastic term to the scene")
-        self.frame = frame or Frame(body, self.terms, fixed, rows, linear)
+        self.frame = frame or Frame(body, self.terms, fixed, rows, linear, tied)
         self.rows, self.symmetric = self.frame.rows, self.frame.symmetric
         self.graph, self.diagonal = self.frame.pattern.graph, self.frame.pattern.diagonal
         self.solver = self.frame.solver
@@ -159,7 +160,7 @@ class Scene:
         """u (nodes, 3) of the unknowns x at the load e."""
         local = self._held.values(e)
         local[self._held.index] = x[: self.n_free]
-        return self._held.to_global(local.reshape(-1, 3))
+        return self._held.to_global(self._held.spread(local).reshape(-1, 3))
 
     def unknowns(self, u: np.ndarray, multipliers: np.ndarray | None = None) -> np.ndarray:
         """x of a displacement (nodes, 3); prescribed components are dropped."""
@@ -173,7 +174,14 @@ class Scene:
         """du (nodes, 3) of a change of the unknowns at fixed load."""
         local = np.zeros(3 * self.n_nodes)
         local[self._held.index] = dx[: self.n_free]
-        return self._held.to_global(local.reshape(-1, 3))
+        return self._held.to_global(self._held.spread(local).reshape(-1, 3))
+
+    def pulls(self, force: np.ndarray) -> np.ndarray:
+        """Forces (nodes, 3) on the unknowns (size,), 0 for the multipliers: dE/dq of dE/du."""
+        out = np.zeros(self.size)
+        local = self._held.collect(self._held.to_local(force).ravel())
+        out[: self.n_free] = local[self._held.index]
+        return out
 
     def refuse_free_motion(self, x: np.ndarray, e: float) -> None:
         """Raises ValueError if nodes have no stiffness at (x, e), or the body or a part of it can
@@ -265,9 +273,7 @@ class Scene:
         return min([1.0, *steps])
 
     def _residual(self, force, u, x, e) -> np.ndarray:
-        local = self._held.to_local(force).ravel()
-        R = np.empty(self.size)
-        R[: self.n_free] = local[self._held.index]
+        R = self.pulls(force)
         if self.n_rows:
             R[: self.n_free] += self.frame.C_free.T @ x[self.n_free :]
             targets = [r.value(e) if callable(r.value) else r.value for r in self.rows]

@@ -37,16 +37,32 @@ class Row:
     name: str = "row"
 
 
-class Held:
-    """Prescribed components: each in the frame of its node.
+@dataclass(frozen=True)
+class Tied:
+    """Each of ``nodes`` moves as its image of ``images`` (pairs,): u(node) = signs · u(image).
 
-    ``free``: mask (3 n,) of the free components; ``index``: their numbers; ``frames`` (n, 3, 3):
-    columns are the axes of each node; ``turned``: nodes whose frame is not the common one.
+    ``signs`` (3,) of ±1 along x, y, z. So a part of a body is closed that a half-turn about z makes
+    whole, which no support of single components can do: (−1, −1, 1) ties what lies opposite on the
+    cut. Nodes on the axis are held by :class:`Fixed` instead.
     """
 
-    def __init__(self, n: int, fixed: Sequence[Fixed]):
+    nodes: np.ndarray
+    images: np.ndarray
+    signs: Sequence[float]
+
+
+class Held:
+    """Prescribed components: each in the frame of its node; and nodes that are tied to others.
+
+    ``free``: mask (3 n,) of the free components; ``index``: their numbers; ``frames`` (n, 3, 3):
+    columns are the axes of each node; ``turned``: nodes whose frame is not the common one;
+    ``tied``, ``masters`` (3 pairs,) components and ``signs``: local[tied] = signs · local[masters].
+    """
+
+    def __init__(self, n: int, fixed: Sequence[Fixed], tied: Sequence[Tied] = ()):
         """Raises ValueError for nodes that don't exist, directions that are zero, values that are
-        not one number or one per node, and supports that contradict each other at e = 0."""
+        not one number or one per node, supports that contradict each other at e = 0, and ties of
+        nodes that are held, tied twice or turned."""
         self._chosen = [node_numbers(support.nodes, n) for support in fixed]
         self._given = [support.value for support in fixed]
         directions = [unit_vector(support.direction) for support in fixed]
@@ -103,6 +119,7 @@ class Held:
         axis = axes[node, slot]
         self.free = np.ones(3 * n, bool)
         self.free[3 * node + axis] = False
+        self._tie(n, tied, count)
         self.index = np.flatnonzero(self.free)
         # Where each support's values go: component, sign of its axis, place among the nodes.
         self._places = []
@@ -113,6 +130,44 @@ class Held:
         self._repeats = repeats
         self._moving = any(callable(value) for value in self._given)
         self._start = self._at(0.0)
+
+    def _tie(self, n: int, tied: Sequence[Tied], count: np.ndarray) -> None:
+        """``count`` (n,): directions along which each node is held."""
+        nodes, images, signs = np.empty(0, int), np.empty(0, int), np.empty((0, 3))
+        for tie in tied:
+            ends = [node_numbers(which, n) for which in (tie.nodes, tie.images)]
+            sign = numbers("a tie's signs", tie.signs)
+            if ends[0].shape != ends[1].shape or sign.shape != (3,) or (np.abs(sign) != 1).any():
+                raise ValueError(
+                    f"a tie of {len(ends[0])} nodes to {len(ends[1])} with the signs {sign}; "
+                    "expected as many images as nodes, and three signs of ±1"
+                )
+            nodes, images = np.append(nodes, ends[0]), np.append(images, ends[1])
+            signs = np.vstack([signs, np.tile(sign, (len(ends[0]), 1))])
+        bad = np.isin(nodes, images) | (count[nodes] > 0) | np.isin(images, self.turned)
+        bad |= np.bincount(nodes, minlength=n)[nodes] > 1
+        if bad.any():
+            raise ValueError(
+                f"node {nodes[bad][0]} is tied, and also held, an image or tied again, or its "
+                "image is held at an angle; tie each node once, to one that is free"
+            )
+        self.tied, self.masters = ((3 * k[:, None] + np.arange(3)).ravel() for k in (nodes, images))
+        self.signs = signs.ravel()
+        self.free[self.tied] = False
+
+    def spread(self, local: np.ndarray) -> np.ndarray:
+        """Components (3 n,) with those of tied nodes from their images; changed in place."""
+        if len(self.tied):
+            local[self.tied] = self.signs * local[self.masters]
+        return local
+
+    def collect(self, local: np.ndarray) -> np.ndarray:
+        """Forces (…, 3 n) with those on tied nodes handed to their images: the transpose."""
+        if len(self.tied):
+            local = local.copy()
+            np.add.at(local.T, self.masters, (self.signs * local[..., self.tied]).T)
+            local[..., self.tied] = 0.0
+        return local
 
     def values(self, e: float) -> np.ndarray:
         """Prescribed components at the load e, 0 at the free ones, (3 n,).
@@ -218,9 +273,11 @@ def rotation_row(
     return Row(c, value, f"rotation {'xyz'[axis]}")
 
 
-def _sight(row: Row, positions: np.ndarray) -> float:
+def _sight(row: Row, positions: np.ndarray, mirrors: Sequence[str] = ()) -> float:
     """Fraction of a rotation of a body at ``positions`` (nodes, 3) that a row sees, up to 1."""
     axis = "xyz".index(row.name[-1])
-    turn = np.cross(np.eye(3)[axis], positions - positions.mean(axis=0))
+    centre = positions.mean(axis=0)
+    centre[["xy".index(m) for m in mirrors]] = 0.0
+    turn = np.cross(np.eye(3)[axis], positions - centre)
     c = row.coefficients
     return float((c * turn).sum() / (np.linalg.norm(c, axis=1) @ np.linalg.norm(turn, axis=1)))

@@ -68,7 +68,7 @@ def test_rows_of_the_flat_sheet_are_blind_where_panels_stand_up_and_anchored_one
     found = reached(quarter)
     assert 3.7 < fold_angle(found) < 3.8 and found.last.topples
     model = build(unit, Meshing(COARSE), supports=Supports(()))
-    near, signs = images(quarter.body, model.body, [0, 1])
+    near, signs = images(quarter.body, model.body, ("x", "y"))
     x = model.scene.unknowns(signs * quarter.scene.displacement(found.x, e)[near])
     assert model.scene.system(x, e).unstable == 1
     held = model.anchored(x, e)

@@ -22,6 +22,7 @@ import scipy.sparse as sp
 from scipy.linalg import LinAlgError, cho_solve_banded, cholesky_banded, qr
 from scipy.sparse.csgraph import reverse_cuthill_mckee
 from scipy.sparse.linalg import ArpackError, LinearOperator, eigsh, splu
+from scipy.spatial import cKDTree
 
 from solver.cases.unit.model import Model
 from solver.cases.unit.path import Folding
@@ -103,7 +104,7 @@ def audit(model: Model, x: np.ndarray, e: float) -> Audit:
     u = model.scene.displacement(x, e)
     if not np.isfinite(u).all():
         return Audit(np.nan, np.nan, np.nan, np.nan, None, None, finite=False)
-    axes = ["xy".index(m) for m in model.mirrors]
+    axes = [{"x": [0], "y": [1], "turn": [0, 1]}[m] for m in model.mirrors]
     given = {row.name: row.coefficients for row in model.scene.rows if model.heavy}
     given = {
         name: whole(body.nodes, c, body.cells, axes, sums=True)[1] for name, c in given.items()
@@ -157,21 +158,35 @@ def audit(model: Model, x: np.ndarray, e: float) -> Audit:
 
 
 def whole(
-    nodes: np.ndarray, u: np.ndarray, cells: np.ndarray, axes: list[int], *, sums: bool = False
+    nodes: np.ndarray,
+    u: np.ndarray,
+    cells: np.ndarray,
+    axes: list[list[int]],
+    *,
+    sums: bool = False,
 ):
-    """Nodes, displacement and cells of the body whose part mirror planes normal to ``axes`` keep.
+    """Nodes, displacement and cells of the body whose part symmetries keep, each of ``axes`` being
+    what changes its sign: one for a mirror plane, x and y for a half-turn, whose cut is y = 0.
 
     Cells keep the order of their nodes, so mirrored ones are left-handed. ``sums``: u is a sum over
     cells, such as a force, to which on a mirror plane both sides add.
     """
-    for axis in axes:
-        sign = np.where(np.arange(3) == axis, -1.0, 1.0)
-        on = np.abs(nodes[:, axis]) < 1e-12
+    for flipped in axes:
+        sign = np.where(np.isin(np.arange(3), flipped), -1.0, 1.0)
+        on = np.abs(nodes[:, flipped[-1]]) < 1e-12
+        # What lies in the plane is its own image, or under a half-turn that of what is opposite.
+        twin = np.flatnonzero(on)
+        off, there = cKDTree(nodes[on]).query(nodes[on] * sign)
+        if off.max() > 1e-9:
+            raise ValueError("the mesh on the cut is not that of the other side")
+        twin = twin[there]
         if sums:
-            u = np.where(on[:, None], u * (1 + sign), u)
-        elif np.abs(u[on, axis]).max(initial=0) > 0:
-            raise ValueError(f"the state leaves its mirror plane normal to {'xyz'[axis]}")
+            u = u.copy()
+            u[on] = u[on] + sign * u[twin]
+        elif np.abs(u[on] - sign * u[twin]).max(initial=0) > 0:
+            raise ValueError(f"the state leaves its symmetry about {'xyz'[flipped[-1]]} = 0")
         image = np.arange(len(nodes))
+        image[on] = twin
         image[~on] = len(nodes) + np.arange((~on).sum())
         nodes, u = (np.vstack([f, f[~on] * sign]) for f in (nodes, u))
         cells = np.vstack([cells, image[cells]])

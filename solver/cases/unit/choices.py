@@ -67,7 +67,8 @@ class Physics:
 
 @dataclass(frozen=True)
 class Supports:
-    """``mirrors``: mirror planes, of ("x", "y"), normal to these axes.
+    """``mirrors``: mirror planes, of ("x", "y"), normal to these axes, or instead ("turn",): the
+    half-turn about z.
 
     ``upright``: hold the unit against toppling (rows on its rotations) where mirror planes don't;
     otherwise all of its surface may touch the ground.
@@ -75,6 +76,16 @@ class Supports:
 
     mirrors: tuple[str, ...] = ("x", "y")
     upright: bool = True
+
+    @property
+    def cuts(self) -> tuple[str, ...]:
+        """Normals of the planes that the mesh of a model ends at."""
+        return ("y",) if self.mirrors == ("turn",) else self.mirrors
+
+    @property
+    def centred(self) -> tuple[str, ...]:
+        """Axes along which symmetry keeps the unit's centre at 0, whatever part the model is."""
+        return ("x", "y") if self.mirrors == ("turn",) else self.mirrors
 
 
 @dataclass(frozen=True)

@@ -13,7 +13,7 @@ from solver.mesh.body import Body
 
 @dataclass(frozen=True, eq=False)
 class Curves:
-    """Where the curves run in a body that is a unit or what ``mirrors`` keep of one.
+    """Where the curves run in a body that is a unit or what ``mirrors`` (or a turn) keep of one.
 
     On the passive layer's mid-plane: x = 0 along y, y = 0 along x within the hinge's width, and
     x = ±b_i/2 along y.
@@ -30,7 +30,7 @@ class Curves:
         s, across = np.linspace(-0.5, 0.5, 1000), np.linspace(-half, half, 1000)
         if "x" in self.mirrors:
             across = across[500:]
-        if "y" in self.mirrors:
+        if self.mirrors and self.mirrors != ("x",):
             s = s[500:]
 
         def along(x):
@@ -51,4 +51,8 @@ class Curves:
         if "y" in self.mirrors:
             for k in (0, 2, 3):
                 curves[k] = np.vstack([(curves[k] * (1, -1, 1))[::-1], curves[k]])
+        if "turn" in self.mirrors:
+            beyond = [(curves[k] * (-1, -1, 1))[::-1] for k in (0, 1, 3, 2)]
+            for k in (0, 2, 3):
+                curves[k] = np.vstack([beyond[k], curves[k]])
         return np.stack(curves)

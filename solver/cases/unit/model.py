@@ -5,8 +5,9 @@ the sheet, z up. The passive sheet is |y| ≤ ½, 0 ≤ z ≤ h_s, its panels b_
 |y| ≤ l_i/2, b_i wide; the active layer lies on top of the hinge and contracts to g = −contraction
 as the load e goes from 0 to 1. Weight per volume: ρ_s g = (h_s/l_s)²/Γ, Γ = E_s h_s²/(ρ_s g l_s³).
 
-A model is a quarter, a half or the whole of it, as its mirror planes leave it. What may be absent
-is absent: without the effect there is no Gravity and no Ground among the terms, a solid active
+A model is a quarter, a half or the whole of it, as its mirror planes leave it, or the half y ≥ 0
+that a half-turn about z makes whole: what a twisted unit keeps. What may be absent is absent:
+without the effect there is no Gravity and no Ground among the terms, a solid active
 layer has no strips.
 """
 
@@ -31,7 +32,7 @@ from solver.physics.ground import Ground, GroundExponential
 from solver.physics.growth import Orthotropic
 from solver.physics.loads import Gravity
 from solver.physics.materials import NeoHookean
-from solver.physics.supports import Fixed, _sight, rotation_row, translation_row
+from solver.physics.supports import Fixed, Tied, _sight, rotation_row, translation_row
 from solver.physics.term import Term
 
 
@@ -71,7 +72,7 @@ class Model:
 
     @property
     def mirrors(self) -> tuple[str, ...]:
-        """Mirror planes, of ("x", "y")."""
+        """Mirror planes, of ("x", "y"), or ("turn",)."""
         return self.supports.mirrors
 
     @property
@@ -100,11 +101,11 @@ class Model:
         """
         u = self.scene.displacement(x, e)
         turning = [row for row in self.scene.rows if row.name.startswith("rotation")]
-        seen = [_sight(row, self.body.nodes + u) for row in turning]
+        seen = [_sight(row, self.body.nodes + u, self.supports.centred) for row in turning]
         if min(seen, default=1.0) > 0.7:
             return self
-        fixed, rows = _held(self.body, self.supports, self.heavy, u)
-        scene = Scene(self.body, self.terms, fixed=fixed, rows=rows, scales=self.scene.scales)
+        held = _held(self.body, self.supports, self.heavy, u)
+        scene = Scene(self.body, self.terms, scales=self.scene.scales, **held)
         return replace(self, scene=scene)
 
     def widened(self, mirrors: Sequence[str], x: np.ndarray, e: float) -> tuple[Model, np.ndarray]:
@@ -118,15 +119,14 @@ class Model:
                 "the unit loses a symmetry, and the mesh that was given is only a part of it; "
                 "give one of the whole unit, with mirrors=()"
             )
-        lost = [axis for axis, name in enumerate("xy") if name in self.mirrors]
-        lost = [axis for axis in lost if "xy"[axis] not in mirrors]
-        if not lost or not set(mirrors) <= set(self.mirrors):
+        kept = set(mirrors)
+        if kept not in fewer(self.mirrors):
             raise ValueError(f"mirrors {tuple(mirrors)}; expected fewer of {self.mirrors}")
         u = self.scene.displacement(x, e)
 
         @cache
         def mapped(body: Body) -> np.ndarray:
-            near, signs = images(self.body, body, lost)
+            near, signs = images(self.body, body, self.mirrors)
             return signs * u[near]
 
         supports = replace(self.supports, mirrors=tuple(mirrors))
@@ -157,7 +157,7 @@ def build(
             "the panels' contact is known in the mirror plane between them, and this model is "
             "without it; keep 'y' among the mirrors, or leave the effect 'contact' out"
         )
-    body = _body(unit, meshing, physics, supports.mirrors)
+    body = _body(unit, meshing, physics, supports.cuts)
     terms: list[Term] = [_elastic(unit, physics, body)]
     ground = contact = None
     if physics.heavy:
@@ -170,8 +170,7 @@ def build(
     if watch.clock is not None:
         terms = [Timed(t, watch.clock) for t in terms]
     u = np.zeros_like(body.nodes) if about is None else about(body)
-    fixed, rows = _held(body, supports, physics.heavy, u)
-    scene = Scene(body, terms, fixed=fixed, rows=rows)
+    scene = Scene(body, terms, **_held(body, supports, physics.heavy, u))
     if watch.deadline is not None:
         # Scales are an evaluation too, and a model must come of it however late it is.
         terms.append(Deadline(watch.deadline))
@@ -215,7 +214,7 @@ def _ground(
     hinge = unit.weight * (unit.slenderness + unit.rho_ratio * unit.active)
     low = unit.slenderness * 1e-6
     # Planes within the whole unit: nothing touches.
-    cut = ["xy".index(m) for m in supports.mirrors]
+    cut = ["xy".index(m) for m in supports.cuts]
 
     def touching(X):
         return X[:, 2] < low if supports.upright else (np.abs(X[:, cut]) > 1e-9).all(axis=1)
@@ -234,18 +233,29 @@ def _contact(unit: Unit, body: Body) -> Ground:
     )
 
 
-def images(part: Body, whole: Body, axes: Sequence[int]) -> tuple[np.ndarray, np.ndarray]:
-    """For each node of a body its image in the part that mirror planes keep, and (n, 3) signs.
+def fewer(mirrors: Sequence[str]) -> list[set[str]]:
+    """The symmetries that a unit may be left with where it loses some: of both mirror planes the
+    product is the half-turn about z."""
+    if len(mirrors) == 2:
+        return [{"x"}, {"y"}, {"turn"}, set()]
+    return [set()] if mirrors else []
 
-    ``axes``: the normals of those planes. Raises ValueError where a node has no image.
+
+def images(part: Body, whole: Body, mirrors: Sequence[str]) -> tuple[np.ndarray, np.ndarray]:
+    """For each node of a body its image in the part that symmetries keep, and (n, 3) signs.
+
+    ``mirrors``: those symmetries. Raises ValueError where a node has no image.
     """
     there, signs = whole.nodes.copy(), np.ones_like(whole.nodes)
-    for axis in axes:
-        signs[:, axis] = np.where(there[:, axis] < 0, -1, 1)
-        there[:, axis] = np.abs(there[:, axis])
+    for name in mirrors:
+        axis, flipped = (1, [0, 1]) if name == "turn" else ("xy".index(name), ["xy".index(name)])
+        beyond = there[:, axis] < -1e-12
+        for k in flipped:
+            signs[beyond, k] = -1
+            there[beyond, k] *= -1
     off, near = cKDTree(part.nodes).query(there)
     if off.max() > 1e-9:
-        raise ValueError("the mesh of the larger model is no mirror image of this one")
+        raise ValueError("the mesh of the larger model is no image of this one")
     return near, signs
 
 
@@ -259,8 +269,29 @@ def foot(body: Body, at=(0.0, 0.0, 0.0)) -> np.ndarray:
     return np.array([np.argmin(np.linalg.norm(body.nodes - at, axis=1))])
 
 
-def _held(body: Body, supports: Supports, heavy: bool, u: np.ndarray):
-    """Fixed components and rows; the rows hold rotations about the displacement u."""
+def opposite(body: Body) -> tuple[np.ndarray, np.ndarray]:
+    """Nodes on the cut y = 0 with x < 0, and where a half-turn about z takes them."""
+    on = plane(body, 1)
+    nodes = on[body.nodes[on, 0] < -1e-9]
+    off, near = cKDTree(body.nodes[on]).query(body.nodes[nodes] * (-1, -1, 1))
+    if off.max() > 1e-9:
+        raise ValueError("the mesh is not symmetric about x = 0 on the cut y = 0")
+    return nodes, on[near]
+
+
+def axis_nodes(body: Body) -> np.ndarray:
+    """Nodes on the axis of the half-turn, x = y = 0."""
+    return np.intersect1d(plane(body, 0), plane(body, 1))
+
+
+def _held(body: Body, supports: Supports, heavy: bool, u: np.ndarray) -> dict:
+    """What holds a model, as arguments of a scene; the rows hold rotations about u."""
+    if supports.mirrors == ("turn",):
+        fixed = [Fixed(axis_nodes(body), np.eye(3)[k]) for k in (0, 1)]
+        if not heavy:
+            fixed.append(Fixed(foot(body), [0, 0, 1]))
+        rows = [rotation_row(body, 2, u, supports.centred)]
+        return {"fixed": fixed, "rows": rows, "tied": [Tied(*opposite(body), (-1, -1, 1))]}
     axes = ["xy".index(m) for m in supports.mirrors]
     fixed = [Fixed(plane(body, axis), np.eye(3)[axis]) for axis in axes]
     free = [axis for axis in (0, 1) if axis not in axes]
@@ -273,4 +304,4 @@ def _held(body: Body, supports: Supports, heavy: bool, u: np.ndarray):
     for axis, loose in turns.items():
         if loose and (axis == 2 or supports.upright or not heavy):
             rows.append(rotation_row(body, axis, u))
-    return fixed, rows
+    return {"fixed": fixed, "rows": rows}

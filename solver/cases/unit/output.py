@@ -49,8 +49,7 @@ def write_path(path: str | Path, shapes: Sequence[Shape]) -> list[float]:
                 physics = replace(model.physics, effects=effects)
                 supports = replace(model.supports, mirrors=())
                 whole = build(model.unit, model.meshing, physics, supports)
-                axes = ["xy".index(name) for name in model.mirrors]
-                near, signs = images(model.body, whole.body, axes)
+                near, signs = images(model.body, whole.body, model.mirrors)
             series = Series(path, whole.body, resume=series is not None)
         e = shape.state.e
         u = signs * model.scene.displacement(shape.x, e)[near]

@@ -373,7 +373,7 @@ class _Walk:
                 return fallen
             self.iterations += fallen.iterations
             size = float(np.abs(self.model.scene.displacement(fallen.x, fallen.e) - before).max())
-            kind = CLASSES[kept] if first.held else "toppling"
+            kind = CLASSES.get(kept, "bifurcation") if first.held else "toppling"
             self.happenings.append(Happening(kind, point.e, size))
             point = replace(fallen, index=point.index)
             checks = self.symmetries.check(point.x, point.e)

@@ -15,7 +15,7 @@ import numpy as np
 import scipy.sparse as sp
 from scipy.spatial import cKDTree
 
-from solver.cases.unit.model import Model
+from solver.cases.unit.model import Model, axis_nodes, opposite, plane
 from solver.mesh.body import Surface
 from solver.output import cell_fields
 from solver.physics.elastic import Elastic
@@ -138,10 +138,17 @@ def _interface(model: Model, u, e, active, length) -> tuple[float, float]:
         surface.nodes.ravel(), np.einsum("fq,fqk->fk", surface.weights, surface.shapes).ravel(),
         minlength=len(body.nodes),
     )[nodes]  # fmt: skip
-    pull = _force_of(model, u, e, active)[nodes]
-    for axis in ("xy".index(m) for m in model.mirrors):
-        # There the stress in the plane of symmetry stands too; it has no part in the traction.
-        pull[np.abs(body.nodes[nodes, axis]) < 1e-9, axis] = 0.0
+    pull = _force_of(model, u, e, active)
+    # In a plane of symmetry the stress in it stands too; it has no part in the traction.
+    if model.mirrors == ("turn",):
+        cut, twin = opposite(body)
+        pull[axis_nodes(body), :2] = 0.0
+        pull[twin] = (pull[twin] + (-1, -1, 1) * pull[cut]) / 2
+        pull[cut] = (-1, -1, 1) * pull[twin]
+    else:
+        for axis in ("xy".index(m) for m in model.mirrors):
+            pull[plane(body, axis), axis] = 0.0
+    pull = pull[nodes]
     pull = np.einsum("nij,nj->ni", _frames(surface, u, len(body.nodes))[nodes], pull)
     place = body.nodes[nodes, :2]
     reach = np.maximum(length, _sizes(body.nodes[:, :2], surface.nodes)[nodes])

@@ -1,4 +1,7 @@
-"""Stability of a folding unit in the symmetry classes that the mirror planes of its model hide.
+"""Stability of a folding unit in the symmetry classes that the symmetries of its model hide.
+
+A quarter hides perturbations odd about one of its mirror planes or about both: the latter keep the
+half-turn about z. A half hides what is odd about its own plane, or under its half-turn.
 
 A unit that stands on the ground may be able to tip over as a whole, with no elastic mode unstable.
 That is told apart by Haynsworth's formula: with the rotations' rows C the number of unstable modes
@@ -12,13 +15,13 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.linalg import qr
 
-from solver.cases.unit.model import Model, plane
+from solver.cases.unit.model import Model, axis_nodes, opposite, plane
 from solver.equilibrium.linear import SingularMatrix
 from solver.equilibrium.scene import Scene
-from solver.physics.supports import Fixed, rotation_row
+from solver.physics.supports import Fixed, Tied, rotation_row
 
-# What a mode does, by the mirror planes that it keeps.
-CLASSES = {("x", "y"): "symmetric", ("y",): "sideways", ("x",): "rocking", (): "twisting"}
+# What a mode does, by the symmetries that it keeps of a unit with both mirror planes.
+CLASSES = {("x", "y"): "symmetric", ("y",): "sideways", ("x",): "rocking", ("turn",): "twisting"}
 
 
 @dataclass(frozen=True)
@@ -31,17 +34,21 @@ class Check:
 
 
 class Symmetries:
-    """The classes of a model that its mirror planes hide, as scenes on the same mesh."""
+    """The classes of a model that its symmetries hide, as scenes on the same mesh."""
 
     def __init__(self, model: Model):
         self.model = model
-        hidden = [m for m in ((), ("x",), ("y",)) if set(m) < set(model.mirrors)]
+        hidden = {2: [("x",), ("y",), ("turn",)], 1: [()], 0: []}[len(model.mirrors)]
         self._scenes = {kept: self._odd(kept) for kept in hidden}
 
     def _odd(self, kept: tuple[str, ...]) -> Scene:
-        """Supports of perturbations odd about the mirror planes that are not kept."""
+        """Supports of perturbations odd about the mirror planes that are not kept, or under the
+        half-turn."""
         model, body = self.model, self.model.body
-        fixed = []
+        fixed, tied = [], []
+        if model.mirrors == ("turn",):
+            tied = [Tied(*opposite(body), (1, 1, -1))]
+            fixed = [Fixed(axis_nodes(body), np.eye(3)[2])]
         for axis, name in enumerate("xy"):
             if name in model.mirrors:
                 on = plane(body, axis)
@@ -50,15 +57,22 @@ class Symmetries:
         held = np.zeros((len(body.nodes), 3), bool)
         for support in fixed:
             held[support.nodes] |= np.asarray(support.direction) > 0
+        # Odd under the half-turn is neither a rotation about z nor a shift along it.
+        impossible = [2, 5] if tied else []
         # Motions that cost nothing are pinned, each at one component: the inertia is the same for
         # any choice. Pins near the hinge keep their levers while the panels turn.
         near = np.flatnonzero(
             (np.abs(body.nodes[:, 1]) <= model.unit.hinge_length / 3) & (body.nodes[:, 2] < 1e-12)
         )
+        near = np.setdiff1d(near, tied[0].nodes) if tied else near
         modes = [np.broadcast_to(k, body.nodes.shape) for k in np.eye(3)]
         modes += [np.cross(k, body.nodes) for k in np.eye(3)]
         idle = [0, 1, 5] if model.heavy else range(6)
-        allowed = [modes[k] for k in idle if not np.abs(modes[k][held]).max(initial=0) > 1e-12]
+        allowed = [
+            modes[k]
+            for k in idle
+            if k not in impossible and not np.abs(modes[k][held]).max(initial=0) > 1e-12
+        ]
         if allowed:
             candidates = np.array([(n, k) for n in near for k in range(3) if not held[n, k]])
             lever = np.array([[m[n, k] for n, k in candidates] for m in allowed])
@@ -67,7 +81,7 @@ class Symmetries:
                 fixed.append(Fixed(np.array([node]), np.eye(3)[k]))
         # Where both panels move the same way, their distance stays.
         terms = [t for t in model.terms if t.name != "contact" or "y" in kept]
-        return Scene(body, terms, fixed=fixed, scales=model.scene.scales)
+        return Scene(body, terms, fixed=fixed, tied=tied, scales=model.scene.scales)
 
     def check(self, x: np.ndarray, e: float) -> list[Check]:
         """Counts in each hidden class at an equilibrium of the model."""
@@ -88,7 +102,7 @@ class Symmetries:
             free = held = factor.negative
             rows = self._rows(kept, u) if model.heavy else []
             if rows and free is not None:
-                C = np.stack([scene.unknowns(row) for row in rows])
+                C = np.stack([scene.pulls(row) for row in rows])
                 S = C @ factor.solve(np.ascontiguousarray(C.T)).reshape(scene.size, len(C))
                 held = free + int((np.linalg.eigvalsh(-(S + S.T)) < 0).sum()) - len(rows)
             checks.append(Check(kept, held, free))
@@ -96,14 +110,15 @@ class Symmetries:
 
     def _rows(self, kept, u) -> list[np.ndarray]:
         """Coefficients of the rotations about x and y that the class can make."""
-        mirrors = self.model.mirrors
+        mirrors, centred = self.model.mirrors, self.model.supports.centred
         odd = [m for m in mirrors if m not in kept]
         # A rotation about x is odd about the plane normal to y and even about that normal to x.
+        # Both are odd under the half-turn about z.
         rows = []
         for axis, turns in ((0, "y"), (1, "x")):
             other = "x" if turns == "y" else "y"
             odd_about = turns not in mirrors or turns in odd
             even_about = other not in mirrors or other in kept
             if odd_about and even_about:
-                rows.append(rotation_row(self.model.body, axis, u, mirrors).coefficients)
+                rows.append(rotation_row(self.model.body, axis, u, centred).coefficients)
         return rows

@@ -8,7 +8,7 @@ import skfem
 from solver.equilibrium.linear import SingularMatrix, make_solver, mkl_pardiso
 from solver.equilibrium.scene import Scales, Scene
 from solver.mesh.body import Body, NodeGraph
-from solver.physics.supports import Fixed, rotation_row, translation_row
+from solver.physics.supports import Fixed, Tied, rotation_row, translation_row
 from solver.physics.term import Evaluation
 
 DIRECT = ["superlu"] + (["pardiso"] if mkl_pardiso() else [])
@@ -109,7 +109,16 @@ def scenes(body, linear="auto"):
     clamp = [Fixed(low, axis) for axis in np.eye(3)]
     tilt = np.array([1.0, 2.0, 0.5])
     rows = [translation_row(body, k) for k in range(3)] + [rotation_row(body, k) for k in range(3)]
+    face = body.nodes_where(lambda X: (X[:, 0] > 2 - 1e-9) & (X[:, 2] < 1e-9))
+    tie = Tied(face, above(body, face), (-1, 1, -1))
     return {
+        "tied": Scene(body, [Springs(body, load)], fixed=clamp, tied=[tie], linear=linear),
+        "tied, held by rows": Scene(
+            body, [Springs(body, load)], tied=[tie], rows=rows[1:5], linear=linear
+        ),
+        "tied, unsymmetric": Scene(
+            body, [Springs(body, load), Curl(body)], fixed=clamp, tied=[tie], linear=linear
+        ),
         "clamped": Scene(body, [Springs(body, load)], fixed=clamp, linear=linear),
         "mirror at an angle": Scene(
             body, [Springs(body, load)], fixed=[*clamp, Fixed(slanted, tilt)], linear=linear
@@ -124,7 +133,14 @@ def scenes(body, linear="auto"):
     }
 
 
+def above(body, nodes):
+    """The node over each of these."""
+    there = body.nodes[nodes] + (0, 0, 1)
+    return np.array([np.argmin(np.linalg.norm(body.nodes - p, axis=1)) for p in there])
+
+
 NAMES = ["clamped", "mirror at an angle", "free, held by rows", "rows and mirror", "unsymmetric"]
+NAMES += ["tied", "tied, held by rows", "tied, unsymmetric"]
 
 
 @pytest.mark.parametrize("name", NAMES)
@@ -181,8 +197,9 @@ def test_prescribed_values_move_along_their_direction(body, rng):
     np.testing.assert_allclose(u[start][:, 0], -0.25, atol=1e-14)
 
 
-def test_unknowns_and_displacement_are_inverse(body, rng):
-    scene = scenes(body)["mirror at an angle"]
+@pytest.mark.parametrize("name", ["mirror at an angle", "tied"])
+def test_unknowns_and_displacement_are_inverse(body, name, rng):
+    scene = scenes(body)[name]
     x = rng.normal(size=scene.size)
     np.testing.assert_allclose(scene.unknowns(scene.displacement(x, 0.3)), x, atol=1e-14)
     y = rng.normal(size=scene.size)
@@ -193,8 +210,9 @@ def test_unknowns_and_displacement_are_inverse(body, rng):
     )
 
 
-def test_force_on_unknowns_is_the_gradient_of_the_energy(body, rng):
-    scene = scenes(body)["mirror at an angle"]
+@pytest.mark.parametrize("name", ["mirror at an angle", "tied"])
+def test_force_on_unknowns_is_the_gradient_of_the_energy(body, name, rng):
+    scene = scenes(body)[name]
     x, d, h = 0.1 * rng.normal(size=scene.size), rng.normal(size=scene.size), 1e-6
     slope = (scene.energy(x + h * d, 0.4) - scene.energy(x - h * d, 0.4)) / (2 * h)
     assert slope == pytest.approx(d @ scene.residual(x, 0.4), rel=1e-7)
@@ -298,6 +316,48 @@ def test_free_rigid_motion_is_refused_and_counted(body):
             continue
         with pytest.raises(ValueError, match=f"^{6 - kept} of the body's rigid motions"):
             scene.refuse_free_motion(x, 0.0)
+
+
+def test_tied_nodes_move_as_their_images(body, rng):
+    scene = scenes(body)["tied"]
+    low = body.nodes_where(lambda X: (X[:, 0] > 2 - 1e-9) & (X[:, 2] < 1e-9))
+    u = scene.displacement(rng.normal(size=scene.size), 0.3)
+    assert np.array_equal(u[low], u[above(body, low)] * (-1, 1, -1)) and np.abs(u[low]).min() > 0
+    assert scene.size == 3 * (len(body.nodes) - 6 - len(low))
+
+
+def test_what_ties_leave_free_is_counted(body):
+    """Opposite under a half-turn about z, a whole face moves along z and turns about z only; tied
+    to the contrary it shifts along x and y and turns about them."""
+    face = body.nodes_where(lambda X: X[:, 0] < 1e-9)
+    face = face[body.nodes[face, 1] < 0.5 - 1e-9]
+    images = [
+        np.argmin(np.linalg.norm(body.nodes - p, axis=1))
+        for p in body.nodes[face] * (1, -1, 1) + (0, 1, 0)
+    ]
+    axis = body.nodes_where(lambda X: (X[:, 0] < 1e-9) & (np.abs(X[:, 1] - 0.5) < 1e-9))
+    for signs, held, loose in (((-1, -1, 1), (0, 1), 2), ((1, 1, -1), (2,), 4)):
+        fixed = [Fixed(axis, np.eye(3)[k]) for k in held]
+        scene = Scene(body, [Springs(body)], fixed=fixed, tied=[Tied(face, images, signs)])
+        with pytest.raises(ValueError, match=f"^{loose} of the body's rigid motions"):
+            scene.refuse_free_motion(np.zeros(scene.size), 0.0)
+
+
+def test_ties_are_checked(body):
+    def tie(nodes, images, signs=(1, 1, 1), fixed=()):
+        Scene(body, [Springs(body)], fixed=fixed, tied=[Tied(nodes, images, signs)])
+
+    for nodes, images in (([0, 1], [1, 2]), ([0, 0], [1, 2])):
+        with pytest.raises(ValueError, match=r"node [01] is tied"):
+            tie(nodes, images)
+    for fixed in (Fixed([0], [1, 0, 0]), Fixed([1], [1, 2, 0])):
+        with pytest.raises(ValueError, match="node 0 is tied"):
+            tie([0], [1], fixed=[fixed])
+    tie([0], [1], fixed=[Fixed([1], [1, 0, 0])])
+    with pytest.raises(ValueError, match="as many images"):
+        tie([0, 1], [2])
+    with pytest.raises(ValueError, match="three signs"):
+        tie([0], [2], (1, 1, 0.5))
 
 
 def test_the_same_plane_twice_holds_once(body):
