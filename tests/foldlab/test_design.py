@@ -38,6 +38,20 @@ def test_latin_hypercube_has_one_design_in_each_stratum(space):
         assert sorted(np.floor(column * n).clip(0, n - 1)) == list(range(n))
 
 
+@pytest.mark.parametrize("space", [REDUCED, FULL, PATTERNED], ids=lambda s: s.name)
+def test_no_design_lies_beyond_its_bounds(space):
+    # 10**log10(b) misses b by rounding for some of these, and a design beyond a bound is refused.
+    narrow = space.with_bounds(slenderness=(0.0029, 0.0031), E_ratio=(0.07, 700.0))
+    for k in (0.0, 1.0):
+        corner = narrow.from_unit(np.full((1, len(narrow)), k)).iloc[0]
+        ends = {p.name: (p.low, p.high)[int(k)] for p in narrow}
+        assert corner.to_dict() == {n: pytest.approx(v, rel=1e-12) for n, v in ends.items()}
+        assert all(p.low <= corner[p.name] <= p.high for p in narrow)
+    beyond = narrow.from_unit(np.linspace(-0.1, 1.1, 13)[:, None] * np.ones(len(narrow)))
+    for p in narrow:
+        assert beyond[p.name].between(p.low, p.high).all()
+
+
 def test_log_parameters_are_uniform_in_the_logarithm():
     designs = REDUCED.sample(2000, seed=0)
     logs = np.log10(designs["E_ratio"])
@@ -150,6 +164,10 @@ def _reduced(**changes):
         (_reduced(E_ratio=np.inf), "E_ratio is inf"),
         (_reduced(E_ratio=-1.0), "must be above 0"),
         (_reduced(slenderness=0.2), "outside 0.001 … 0.1"),
+        (
+            pd.concat([_reduced(), _reduced(h_ratio=2.0)[["h_ratio"]]], axis=1),
+            "column h_ratio stands 2 times",
+        ),
     ],
 )
 def test_bad_tables_get_one_clear_error(frame, message):

@@ -10,7 +10,8 @@ import pytest
 from foldlab.design import FULL, PATTERNED, REDUCED, to_groups
 from foldlab.errors import InputError
 from foldlab.inverse.propose import confirm, propose
-from foldlab.inverse.wish import Angle, Wish, mass_of, read_materials
+from foldlab.inverse.region import Region
+from foldlab.inverse.wish import Angle, Wish, limits_of, mass_of, read_materials
 from foldlab.labels.label import Label
 from foldlab.labels.timoshenko import TimoshenkoSource, fold_angle
 
@@ -242,6 +243,36 @@ def test_contradictions_name_the_limit_and_what_would_do(wish, words):
     wish = Wish(**wish)
     with pytest.raises(InputError, match=words):
         propose(wish, Soft(), 5, seed=0, angle_model=SOURCE)
+
+
+def test_the_limit_that_has_to_give_least_stands_first():
+    # Γ = E_s (h_s/l_s)² / (rho_s g l_s) is at most 100, and these make it at least 375 times that:
+    # E_s would have to give all of that, the slenderness its square root.
+    ranges = {"E_s": (1e9, 2e9), "rho_s": (1e3, 1.1e3), "l_s": (0.01, 0.02)}
+    wish = Wish(space=FULL, ranges=ranges | {"slenderness": (0.09, 0.1)})
+    with pytest.raises(InputError) as said:
+        propose(wish, Soft(TimoshenkoSource(FULL)), 1, seed=0)
+    assert "clash: slenderness in 0.09 … 0.1; " in str(said.value)
+    least = np.sqrt(100 * 1.1e3 * 9.80665 * 0.02 / 1e9)
+    assert f"slenderness would have to be {least:.3g}; or" in str(said.value)
+
+
+def test_a_limit_left_out_is_missed_on_both_sides():
+    wish = Wish(ranges={"E_ratio": (1.0, 10.0)})
+    ((text, quantity, region, distance),) = Region(wish, limits_of(wish, (None, None))).relaxed()
+    assert (text, quantity) == ("E_ratio in 1 … 10", "E_ratio")
+
+    def at(*values):
+        x = np.array([[np.log10(v), 0.0, -2.0] for v in values])
+        assert region.names == REDUCED.names
+        return distance(x)
+
+    # Decades from the nearer end, of the design that is nearest.
+    assert at(100.0) == (pytest.approx(1.0), "100")
+    assert at(0.1) == (pytest.approx(1.0), "0.1")
+    assert at(0.5, 100.0) == (pytest.approx(np.log10(2)), "0.5")
+    assert at(0.01, 20.0) == (pytest.approx(np.log10(2)), "20")
+    assert at(3.0) == (0.0, "3")
 
 
 def test_where_nothing_folds_the_answer_is_empty_and_says_what_binds():

@@ -97,6 +97,16 @@ def test_the_edges_of_a_twisted_strip_are_helices(rate):
     assert m.m1 == pytest.approx(0, abs=1e-9)
 
 
+def test_each_edge_has_its_own_measure():
+    # One edge keeps to the middle line, the other climbs at an angle φ to it: t₁·t = cos φ.
+    flat = unit()
+    tilted = np.stack([np.full(1000, HALF), S * np.cos(0.4), S * np.sin(0.4)], -1)
+    m = measure(np.stack([flat[0], flat[1], tilted, flat[3]]), LENGTH)
+    assert (m.m3, m.m4) == pytest.approx((np.cos(0.4), 1.0))
+    m = measure(np.stack([flat[0], flat[1], flat[2], tilted - 2 * SIDE]), LENGTH)
+    assert (m.m3, m.m4) == pytest.approx((1.0, np.cos(0.4)))
+
+
 def test_a_flat_sheet_measures_nothing():
     m = measure(unit(), LENGTH)
     assert (m.m1, m.m2, m.hinge) == pytest.approx((0, 0, 0), abs=1e-12)
@@ -241,6 +251,9 @@ def test_verdicts_on_the_ground():
     (folds, outcome, why), _ = judged(row(tip=9.0, m1=0.5, hinge=1.5))
     assert (folds, outcome) == (False, "sags")
     assert "turns by 1.5 rad" in why and "0.5 rad of the 0.942 rad" in why
+    # Without a ground there is no weight, and nothing that could sag.
+    (folds, outcome, why), _ = judged(row(m1=0.5, hinge=1.5))
+    assert (folds, outcome) == (False, "too_little") and "sag" not in why
 
 
 def test_every_end_has_a_verdict_and_only_true_tags_fold():

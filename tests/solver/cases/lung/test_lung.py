@@ -270,6 +270,18 @@ def test_section_of_the_undeformed_wedge():
         section(hexahedra(SMALL, 0), SMALL, np.zeros((1, 3)))
 
 
+def test_a_crease_on_the_axis_is_the_sharpest_place():
+    # The cut begins on a mirror plane: of a kink in the middle one side alone is on it.
+    y = np.linspace(0.0, 0.5, 11)
+    kinked, flat = np.stack([y, 0.95 - 0.5 * y], 1), np.stack([y, np.full_like(y, 1.0)], 1)
+    none = np.zeros((0, 2))
+    # Circle through (−d, z), (0, z₀) and (d, z): R κ = 2 sin(turn / 2) / chord.
+    turn, chord = 2 * np.arctan(0.5), 0.05 * np.hypot(1, 0.5)
+    sharpest = Section((kinked, flat), none).sharpest
+    assert sharpest == pytest.approx(2 * np.sin(turn / 2) / chord, rel=1e-9)
+    assert Section((flat, kinked), none).sharpest == pytest.approx(0, abs=1e-9)
+
+
 # -- bad input -----------------------------------------------------------------------------------
 
 

@@ -112,12 +112,12 @@ def test_growth_alone_strains_nothing():
 
 def test_nothing_but_the_interface_carries_the_active_layer():
     heavy = Unit(
-        E_ratio=0.1, rho_ratio=1.0, hinge_length=0.2, hinge_width=1.0, h_ratio=5.0,
+        E_ratio=0.1, rho_ratio=2.0, hinge_length=0.2, hinge_width=1.0, h_ratio=5.0,
         stiffness_to_weight=1e-2, aspect=0.2, slenderness=4e-3, contraction=1e-6,
     )  # fmt: skip
     model, x = folded(heavy, 0, ("gravity", "ground"))
     force = force_of(model, model.scene.displacement(x, 1.0), 1.0, model.body.cells_of("active"))
-    weight = heavy.weight * heavy.active * heavy.width * heavy.hinge_length / 4
+    weight = 2.0 * heavy.weight * heavy.active * heavy.width * heavy.hinge_length / 4
     above = model.body.nodes[:, 2] > 1.01 * heavy.slenderness
     assert np.abs(force[above, 2]).max() < 1e-3 * weight
     assert force[:, 2].sum() == pytest.approx(weight, rel=1e-6)
