@@ -51,7 +51,7 @@ def plot_regimes(
     panels = len(regime.slices)
     columns = int(np.ceil(np.sqrt(panels)))
     rows = int(np.ceil(panels / columns))
-    handles = _regime_handles(regime, values, used, validated)
+    handles = _regime_handles(values, used, validated)
     if points is not None:
         handles += _overlay_handles(points)
     if regime.margin is not None:
@@ -147,7 +147,7 @@ def _scale_axes(ax, regime: RegimeMap, *, numbers: bool) -> None:
                 tick.label1.set_ha("right")
 
 
-def _regime_handles(regime, values, used, validated):
+def _regime_handles(values, used, validated):
     names = (
         {v: v.name.lower().replace("_", " ") for v in Verdict}
         if validated

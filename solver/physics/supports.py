@@ -119,7 +119,8 @@ class Held:
         axis = axes[node, slot]
         self.free = np.ones(3 * n, bool)
         self.free[3 * node + axis] = False
-        self._tie(n, tied, count)
+        self.tied, self.masters, self.signs = self._ties(n, tied, count)
+        self.free[self.tied] = False
         self.index = np.flatnonzero(self.free)
         # Where each support's values go: component, sign of its axis, place among the nodes.
         self._places = []
@@ -131,8 +132,9 @@ class Held:
         self._moving = any(callable(value) for value in self._given)
         self._start = self._at(0.0)
 
-    def _tie(self, n: int, tied: Sequence[Tied], count: np.ndarray) -> None:
-        """``count`` (n,): directions along which each node is held."""
+    def _ties(self, n: int, tied: Sequence[Tied], count: np.ndarray) -> tuple[np.ndarray, ...]:
+        """Tied components, their masters and signs; ``count`` (n,): directions along which each
+        node is held."""
         nodes, images, signs = np.empty(0, int), np.empty(0, int), np.empty((0, 3))
         for tie in tied:
             ends = [node_numbers(which, n) for which in (tie.nodes, tie.images)]
@@ -151,9 +153,8 @@ class Held:
                 f"node {nodes[bad][0]} is tied, and also held, an image or tied again, or its "
                 "image is held at an angle; tie each node once, to one that is free"
             )
-        self.tied, self.masters = ((3 * k[:, None] + np.arange(3)).ravel() for k in (nodes, images))
-        self.signs = signs.ravel()
-        self.free[self.tied] = False
+        ends = [(3 * k[:, None] + np.arange(3)).ravel() for k in (nodes, images)]
+        return *ends, signs.ravel()
 
     def spread(self, local: np.ndarray) -> np.ndarray:
         """Components (3 n,) with those of tied nodes from their images; changed in place."""

@@ -191,7 +191,7 @@ def march(
     scene.refuse_free_motion(state.x, load(state.t))
     for _ in range(max_steps):
         target = next(s for s in stops if s > state.t)
-        following = _advance(scene, terms, state, stepper, target, load, jumps)
+        following = _advance(scene, state, stepper, target, load, jumps)
         if isinstance(following, Outcome):
             return following
         state = following
@@ -280,7 +280,7 @@ def _pasts(state: State, dt: float, order: int) -> list[Past]:
     return [Past(memory, dt, earlier, state.t - last.t) for memory, earlier in pairs]
 
 
-def _advance(scene, terms, state, stepper, target, load, jumps) -> State | Outcome:
+def _advance(scene, state, stepper, target, load, jumps) -> State | Outcome:
     step = state.step if state.step > 0 else stepper.step
     spent, failed = 0, None
     while step >= stepper.smallest * stepper.step:
@@ -292,7 +292,7 @@ def _advance(scene, terms, state, stepper, target, load, jumps) -> State | Outco
             dt = remaining / ceil(remaining / step - 1e-9) if remaining < 2 * step else step
         t = target if dt >= remaining * (1 - 1e-12) else state.t + dt
         e = load(np.nextafter(t, -np.inf) if t in jumps else t)
-        attempt = _attempt(scene, terms, state, stepper, t, dt, e)
+        attempt = _attempt(scene, state, stepper, t, dt, e)
         if isinstance(attempt, State):
             error = attempt.error
             if stepper.tolerance is not None:
@@ -319,7 +319,7 @@ def _advance(scene, terms, state, stepper, target, load, jumps) -> State | Outco
     return failed if failed is Outcome.DISSIPATION else Outcome.MIN_STEP
 
 
-def _attempt(scene, terms, state, stepper, t, dt, e) -> State | tuple[Outcome, int]:
+def _attempt(scene, state, stepper, t, dt, e) -> State | tuple[Outcome, int]:
     """The step to t, with second order where that is possible."""
     spent = 0
     failed = Outcome.NOT_CONVERGED

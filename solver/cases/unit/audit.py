@@ -113,8 +113,8 @@ def audit(model: Model, x: np.ndarray, e: float) -> Audit:
     bent = 1 if body.weights.shape[1] == 18 else None
     energy, force, size, K = elastic(unit, model.growth, nodes, u, cells, e, bent)
     if model.heavy:
-        for part in (weight, ground):
-            own, push, stiffness = part(unit, nodes, u, cells, bent, model.upright)
+        parts = weight(unit, nodes, u, cells, bent), ground(unit, nodes, u, cells, model.upright)
+        for own, push, stiffness in parts:
             energy, force = energy + own, force + push
             size = max(size, np.abs(push).max())
             K = K + sp.diags_array(stiffness.ravel())
@@ -293,7 +293,7 @@ def volumes(nodes, cells, bent) -> np.ndarray:
     return nodal
 
 
-def weight(unit: Unit, nodes, u, cells, bent, upright):
+def weight(unit: Unit, nodes, u, cells, bent):
     """∫ ρ g z dV₀."""
     force = np.zeros_like(nodes)
     for start in range(0, len(cells), CELLS):
@@ -305,7 +305,7 @@ def weight(unit: Unit, nodes, u, cells, bent, upright):
     return (force * (nodes + u)).sum(), force, 0 * force
 
 
-def ground(unit: Unit, nodes, u, cells, bent, upright):
+def ground(unit: Unit, nodes, u, cells, upright):
     """The barrier at the nodes of the underside, or of all outer faces; areas by Simpson's rule.
 
     κ r b(s/r), b(t) = −(t − 1)² ln t, from a tenth of h_s below the ground to a tenth above, and κ

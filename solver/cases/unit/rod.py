@@ -139,7 +139,10 @@ class Bent:
 @lru_cache(maxsize=1)
 def _ends_table() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     rows = np.loadtxt(
-        Path(__file__).with_name("hinge_ends.csv"), delimiter=",", skiprows=1, encoding="utf-8"
+        Path(__file__).parent / "data" / "hinge_ends.csv",
+        delimiter=",",
+        skiprows=1,
+        encoding="utf-8",
     )
     m, n = np.unique(rows[:, 0]), np.unique(rows[:, 1])
     return m, n, np.ascontiguousarray(rows[:, 2:].reshape(len(m), len(n), 4))
