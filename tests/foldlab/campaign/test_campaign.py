@@ -1,5 +1,6 @@
 """Campaigns: whatever a source, a worker or the whole process does, no completed label is lost."""
 
+import itertools
 import random
 import signal
 import subprocess
@@ -9,6 +10,7 @@ from collections import Counter
 from concurrent.futures import BrokenExecutor, Executor, Future, ThreadPoolExecutor
 from contextlib import contextmanager
 from pathlib import Path
+from types import SimpleNamespace
 
 import pandas as pd
 import pytest
@@ -183,7 +185,9 @@ def test_retry_replaces_unknowns_only(path):
 
     run([FOLDS, RAISES, NOT], path, executor=Inline())
     report = run([FOLDS, RAISES, NOT], path, Better(), executor=Inline(), retry_unknown=True)
-    assert (report.computed, report.already_there, report.folds) == (1, 2, 2)
+    assert (report.computed, report.already_there) == (1, 2)
+    # What was unknown before counts as what it is now.
+    assert (report.folds, report.not_folds, report.unknown, report.reasons) == (2, 1, 0, {})
     assert table(path)["foldable"].tolist() == [True, True, False]
 
 
@@ -318,6 +322,16 @@ def test_a_log_file_gets_lines(path, capsys, monkeypatch):
     assert lines[0].startswith("1/3, ") and "1 fold, 0 unknown, " in lines[0]
     assert lines[0].endswith(" s remaining")
     assert lines[1].endswith("; 1 × ValueError: no state at # %")
+
+
+def test_the_time_that_remains_falls_to_nothing(path, capsys, monkeypatch):
+    ticks = itertools.count(0, 10)  # a label in 10 s
+    monkeypatch.setattr(progress, "time", SimpleNamespace(perf_counter=lambda: next(ticks)))
+    monkeypatch.setattr(progress, "LOG_EVERY", 0)
+    run_campaign(designs([FOLDS] * 4), Slow(), path, executor=Inline(), in_flight=1)
+    lines = capsys.readouterr().err.splitlines()
+    told = [line.partition(" s remaining")[0].rpartition(" ")[2] for line in lines[:4]]
+    assert told == ["30", "20", "10", "0"] and "0.1/s" in lines[0]
 
 
 def start(path, how, count=600, seconds=0.01):
