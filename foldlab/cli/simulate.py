@@ -33,6 +33,7 @@ from foldlab.unit.record import (
 
 if TYPE_CHECKING:
     from foldlab.design import DesignSpace
+    from foldlab.labels.asked import Changing
     from foldlab.labels.foldability import Thresholds
     from foldlab.labels.solver import SolverSource
     from foldlab.labels.strength import Strengths
@@ -72,7 +73,7 @@ class Solving:
         ),
     ] = None
 
-    def source(self, strengths: Strengths, space: DesignSpace) -> SolverSource:
+    def source(self, strengths: Strengths, space: DesignSpace, changing: Changing) -> SolverSource:
         """The label source that solves so, and tells what breaks."""
         from foldlab.labels.asked import Conditions, Effort
         from foldlab.labels.foldability import Thresholds
@@ -84,7 +85,7 @@ class Solving:
         effort, thresholds = Effort(self.accuracy, self.timeout), Thresholds(need=self.need)
         return SolverSource(
             conditions, effort, self.question, space=space, thresholds=thresholds,
-            strengths=strengths,
+            strengths=strengths, changing=changing,
         )  # fmt: skip
 
 
@@ -119,6 +120,33 @@ class Borne:
 
 
 @dataclass(frozen=True)
+class Changed:
+    """What the materials become until the full contraction (§4.8.4)."""
+
+    active_stiffness: Annotated[
+        float, typer.Option(help="Factor that E of the active layer reaches as it contracts.")
+    ] = 1.0
+    passive_stiffness: Annotated[
+        float, typer.Option(help="Factor that E of the passive layer reaches.")
+    ] = 1.0
+    active_density: Annotated[
+        float, typer.Option(help="Factor that the density of the active layer reaches.")
+    ] = 1.0
+    passive_density: Annotated[
+        float, typer.Option(help="Factor that the density of the passive layer reaches.")
+    ] = 1.0
+    passive_expansion: Annotated[
+        float, typer.Option(help="Strain that the passive layer grows by where the other shrinks.")
+    ] = 0.0
+
+    def changing(self) -> Changing:
+        """The same as the label source takes it."""
+        from foldlab.labels.asked import Changing
+
+        return Changing(**vars(self))
+
+
+@dataclass(frozen=True)
 class Asked:
     """What is told besides the verdict."""
 
@@ -143,6 +171,7 @@ def simulate(
     given: Given,
     solving: Solving,
     borne: Borne,
+    changed: Changed,
     asked: Asked,
     out: Annotated[Path, typer.Option("-o", "--out", help="Folder for results.")] = (
         Path("out/simulate")
@@ -159,7 +188,7 @@ def simulate(
     from foldlab.labels.forecast import forecast
 
     groups = numbers(given.read())
-    source = solving.source(borne.strengths(), space_for(groups))
+    source = solving.source(borne.strengths(), space_for(groups), changed.changing())
     design = complete(groups, heavy=source.conditions.heavy)
     source.unit(design)
     if thick_hinge(design):

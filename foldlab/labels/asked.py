@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Literal
 
@@ -82,6 +83,40 @@ class Conditions:
     def heavy(self) -> bool:
         """Whether weight acts."""
         return "gravity" in self.terms
+
+
+@dataclass(frozen=True)
+class Changing:
+    """What the materials become until the full contraction, in proportion to it (§4.8.4).
+
+    ``active_stiffness``, ``passive_stiffness``, ``active_density``, ``passive_density``: factors
+    that are reached on E and on ρ (per volume of the flat state). ``passive_expansion``: strain
+    that the sheet grows by in the directions in which the active layer contracts; negative shrinks.
+    Raises :class:`InputError` for factors that are not above 0 and a strain not above −1.
+    """
+
+    active_stiffness: float = 1.0
+    passive_stiffness: float = 1.0
+    active_density: float = 1.0
+    passive_density: float = 1.0
+    passive_expansion: float = 0.0
+
+    def __post_init__(self):
+        for name, value in vars(self).items():
+            least = -1.0 if name == "passive_expansion" else 0.0
+            if not least < value <= 1e6:
+                raise InputError(
+                    f"{name} = {value!r}; expected a number above {least:g}, at most 1e6"
+                )
+
+    def at_end(self, design: Mapping[str, float]) -> dict[str, float]:
+        """The groups of a design as they are at the full contraction."""
+        factors = {
+            "E_ratio": self.active_stiffness / self.passive_stiffness,
+            "rho_ratio": self.active_density / self.passive_density,
+            "stiffness_to_weight": self.passive_stiffness / self.passive_density,
+        }
+        return {name: value * factors.get(name, 1.0) for name, value in design.items()}
 
 
 @dataclass(frozen=True)

@@ -72,6 +72,7 @@ def forecast(design: Mapping[str, float], source) -> Forecast | None:
     strips = source.patterned or source.conditions.strips
     if source.question != "from_flat" or strips or source.seed is not None:
         return None
+    design = source.changing.at_end(design)
     table, tree, scale = _labels(source.conditions.growth)
     if not source.conditions.heavy:
         # Weightless designs are most like those of the stiffest sheets.

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, fields, replace
 from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
@@ -11,7 +11,7 @@ from foldlab.design import FULL, DesignSpace
 from foldlab.errors import InputError
 from foldlab.labels import screening
 from foldlab.labels import verdict as judging
-from foldlab.labels.asked import Conditions, Effort, check_strips
+from foldlab.labels.asked import Changing, Conditions, Effort, check_strips
 from foldlab.labels.foldability import Thresholds
 from foldlab.labels.label import Label
 from foldlab.labels.memory import forget_peak, hand_back
@@ -22,6 +22,7 @@ from foldlab.labels.timoshenko import TimoshenkoSource
 from foldlab.settings import call
 
 if TYPE_CHECKING:
+    from solver.cases.unit.choices import Changes
     from solver.cases.unit.output import Shape
     from solver.cases.unit.path import State
     from solver.cases.unit.unit import Unit
@@ -47,6 +48,7 @@ class SolverSource:
     space: DesignSpace = FULL
     thresholds: Thresholds = field(default_factory=Thresholds)
     strengths: Strengths = field(default_factory=Strengths)
+    changing: Changing = field(default_factory=Changing)
 
     name: ClassVar[str] = "solver"
 
@@ -66,12 +68,15 @@ class SolverSource:
                 "leave the setting out"
             )
         if refine != "always" and (
-            self.patterned or solid != Conditions() or self.seed is not None
+            self.patterned
+            or solid != Conditions()
+            or self.seed is not None
+            or self.changing != Changing()
         ):
             raise InputError(
                 f"refine {refine!r} needs a known error of the coarsest mesh, and it was measured "
-                "for uniaxial contraction of solid upright units with weight, without contact; "
-                "take 'always'"
+                "for uniaxial contraction of solid upright units of constant materials, with "
+                "weight, without contact; take 'always'"
             )
         if not set(FULL.names) <= set(self.space.names):
             raise InputError(
@@ -98,7 +103,7 @@ class SolverSource:
         parts += [f"noise{self.seed}"] * (self.seed is not None)
         parts += [f"pattern{c.strips}x{c.strip_share:g}"] * (c.strips > 0)
         parts += [c.barrier] * (c.barrier != "surface")
-        for record in (self.thresholds, self.strengths):
+        for record in (self.thresholds, self.strengths, self.changing):
             for f in fields(record):
                 value = getattr(record, f.name)
                 parts += [f"{f.name}{value}"] * (value != f.default)
@@ -162,7 +167,7 @@ class SolverSource:
             ):
                 break
         foldable, reason, evidence = judging.judge(
-            self._pattern() | groups,
+            self.changing.at_end(self._pattern() | groups),
             run,
             errors,
             self.thresholds,
@@ -214,6 +219,22 @@ class SolverSource:
         c = self.conditions
         return {"strips": c.strips, "strip_share": c.strip_share} if c.strips else {}
 
+    def _changes(self, course: Callable[[float], float]) -> tuple[Changes, Changes]:
+        """Of the active and of the passive layer; ``course``: how far they have come at e."""
+        from solver.cases.unit.choices import Changes
+
+        def going(to: float, start: float = 1.0):
+            return None if to == start else lambda e: start + (to - start) * course(e)
+
+        c = self.changing
+        return (
+            Changes(going(c.active_stiffness), going(c.active_density)),
+            Changes(
+                going(c.passive_stiffness), going(c.passive_density),
+                going(c.passive_expansion, 0.0),
+            ),
+        )  # fmt: skip
+
     def unit(self, design: Mapping[str, float]) -> Unit:
         """The solver's unit; raises :class:`InputError` for a design that is none."""
         from solver.cases.unit.unit import Unit
@@ -255,7 +276,7 @@ class SolverSource:
         c = self.conditions
         growth = "uniaxial" if self.question == "exists" else c.growth
         meshing = Meshing(level, self.effort.plan.element, curls=c.growth == "isotropic")
-        physics = Physics(c.terms, growth, barrier=c.barrier)
+        physics = Physics(c.terms, growth, *self._changes(lambda e: e), c.barrier)
         supports = Supports(("x", "y") if self.seed is None else (), c.upright)
         watch = Watch(deadline, clock)
         try:
@@ -267,9 +288,9 @@ class SolverSource:
         folding = unit_path.fold(model, stop=closed, noise=noise, on_state=seen, **steps)
         if self.question == "exists" and folding.ending is unit_path.Ending.REACHED:
             before = len(history)
-            model, start = unit_path.carried(
-                folding.model, folding.x, 1.0, physics=replace(physics, growth="release")
-            )
+            active, passive = self._changes(lambda e: 1.0)
+            released = replace(physics, growth="release", active=active, passive=passive)
+            model, start = unit_path.carried(folding.model, folding.x, 1.0, physics=released)
             folding = unit_path.fold(model, start, stop=closed, noise=noise, on_state=seen, **steps)
             for row in history[before:]:
                 row["release"] = row["contraction"] / unit.contraction

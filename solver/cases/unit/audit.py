@@ -95,12 +95,12 @@ def audit(model: Model, x: np.ndarray, e: float) -> Audit:
     """The state ``x`` (size,) of a model at the load ``e``, looked at again.
 
     Raises ValueError for what this path doesn't know: other elements than hex27, the exponential
-    barrier, and stiffening.
+    barrier, and materials that change.
     """
     body, unit = model.body, model.unit
-    known = model.physics.barrier == "surface" and model.physics.stiffening is None
+    known = model.physics.barrier == "surface" and not model.physics.changes
     if body.element != "hex27" or not known:
-        raise ValueError("an audit knows hex27, the surface barrier and constant E only")
+        raise ValueError("an audit knows only hex27, the surface barrier and materials that last")
     u = model.scene.displacement(x, e)
     if not np.isfinite(u).all():
         return Audit(np.nan, np.nan, np.nan, np.nan, None, None, finite=False)

@@ -32,17 +32,32 @@ class Meshing:
 
 
 @dataclass(frozen=True)
+class Changes:
+    """How a layer's material changes on the way, as functions of e; None: it doesn't (§4.8.4).
+
+    ``stiffness``, ``density``: factors on E and on ρ, per volume of the flat state. ``expansion``:
+    strain that the layer grows by, beside any contraction, in the directions of the contraction;
+    negative shrinks.
+    """
+
+    stiffness: Callable[[float], float] | None = None
+    density: Callable[[float], float] | None = None
+    expansion: Callable[[float], float] | None = None
+
+
+@dataclass(frozen=True)
 class Physics:
     """``effects``: of ("gravity", "ground", "contact"); weight needs the ground.
 
-    ``growth``: a name in :data:`solver.cases.unit.unit.GROWTHS`. ``stiffening``: factor on E_i as a
-    function of e (§4.8.4). ``barrier``: the ground's, "surface", or "exponential" for the
-    dissertation's (Eq. 4.5). Raises ValueError for names that are not there.
+    ``growth``: a name in :data:`solver.cases.unit.unit.GROWTHS`. ``active``, ``passive``: what
+    changes in these layers beside the contraction. ``barrier``: the ground's, "surface", or
+    "exponential" for the dissertation's (Eq. 4.5). Raises ValueError for names that are not there.
     """
 
     effects: tuple[str, ...] = EFFECTS
     growth: str = "uniaxial"
-    stiffening: Callable[[float], float] | None = None
+    active: Changes = Changes()
+    passive: Changes = Changes()
     barrier: str = "surface"
 
     def __post_init__(self):
@@ -63,6 +78,11 @@ class Physics:
     def heavy(self) -> bool:
         """Whether there is weight, so that the ground carries the unit."""
         return "gravity" in self.effects
+
+    @property
+    def changes(self) -> bool:
+        """Whether anything but the contraction changes with e."""
+        return (self.active, self.passive) != (Changes(), Changes())
 
 
 @dataclass(frozen=True)

@@ -161,7 +161,8 @@ def build(
     terms: list[Term] = [_elastic(unit, physics, body)]
     ground = contact = None
     if physics.heavy:
-        density = np.where(body.cells_of("active"), unit.rho_ratio, 1.0)
+        layers = (unit.rho_ratio, physics.active.density), (1.0, physics.passive.density)
+        density = _by_layer(body, *layers)
         ground = _ground(unit, physics, supports, body)
         terms += [Gravity(body, density, unit.weight), ground]
     if "contact" in physics.effects:
@@ -193,17 +194,45 @@ def _body(unit: Unit, meshing: Meshing, physics: Physics, mirrors: tuple[str, ..
     )  # fmt: skip
 
 
+def _by_layer(body: Body, active: tuple, passive: tuple):
+    """A quantity of the cells, or a function of e that gives it, from each layer's value and the
+    factor on it, which may be None."""
+    on = body.cells_of("active")
+    (own, rising), (other, falling) = active, passive
+    if rising is None and falling is None:
+        return np.where(on, own, other)
+    rising, falling = rising or _same, falling or _same
+    return lambda e: np.where(on, own * rising(e), other * falling(e))
+
+
+def _same(e: float) -> float:
+    return 1.0
+
+
 def _elastic(unit: Unit, physics: Physics, body: Body) -> Elastic:
+    E = _by_layer(body, (unit.E_ratio, physics.active.stiffness), (1.0, physics.passive.stiffness))
+    return Elastic(body, NeoHookean(E, unit.nu), _growth(unit, physics, body))
+
+
+def _growth(unit: Unit, physics: Physics, body: Body) -> Orthotropic:
     active = body.cells_of("active")
+    parts = GROWTHS[physics.growth]
     strains = [
         (lambda e, s=s: -unit.contraction * s(e)) if callable(s) else -unit.contraction * s
-        for s in GROWTHS[physics.growth]
+        for s in parts
     ]
-    E = np.where(active, unit.E_ratio, 1.0)
-    stiffening = physics.stiffening
-    if stiffening is not None:
-        E = lambda e: np.where(active, unit.E_ratio * stiffening(e), 1.0)  # noqa: E731
-    return Elastic(body, NeoHookean(E, unit.nu), Orthotropic(strains, cells=active))
+    swelling = physics.active.expansion, physics.passive.expansion
+    if swelling == (None, None):
+        return Orthotropic(strains, cells=active)
+    own, other = (f or (lambda e: 0.0) for f in swelling)
+
+    def along(strain):
+        at = strain if callable(strain) else lambda e: strain
+        return lambda e: np.where(active, at(e) + own(e), other(e))
+
+    return Orthotropic(
+        [along(g) if callable(s) or s else g for s, g in zip(parts, strains, strict=True)]
+    )
 
 
 def _ground(
@@ -211,7 +240,11 @@ def _ground(
 ) -> Ground | GroundExponential:
     if physics.barrier == "exponential":
         return GroundExponential(body, length=1.0, modulus=1.0)
-    hinge = unit.weight * (unit.slenderness + unit.rho_ratio * unit.active)
+    # The most that the hinge weighs on the way, as its ends tell.
+    own, other = (c.density or _same for c in (physics.active, physics.passive))
+    hinge = unit.weight * max(
+        unit.slenderness * other(e) + unit.rho_ratio * unit.active * own(e) for e in (0.0, 1.0)
+    )
     low = unit.slenderness * 1e-6
     # Planes within the whole unit: nothing touches.
     cut = ["xy".index(m) for m in supports.cuts]

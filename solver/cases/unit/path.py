@@ -22,7 +22,7 @@ from solver.equilibrium.clock import OutOfTime
 from solver.equilibrium.descent import descend
 from solver.equilibrium.linear import SingularMatrix
 from solver.equilibrium.newton import newton
-from solver.paths.noise import Noise
+from solver.paths.noise import Noise, uneven
 from solver.paths.point import Ended, Point
 from solver.paths.stable import StableSteps
 from solver.paths.steppers import ArcLength, LoadSteps
@@ -128,9 +128,10 @@ def fold(
 
     ``start``: unknowns to begin with, zeros if None. ``rtol``: see
     :func:`solver.equilibrium.newton.newton`. ``turn``: rad that the fold should turn by in a step,
-    by Timoshenko. ``stop``: asked at each state. ``noise``: amplitude and seed of §4.3.3, on a
-    whole model instead of the tests of symmetry, on load steps or, with ``arc``, on arc length,
-    which takes longer. ``on_state`` sees each state as it is accepted, with its model and unknowns.
+    by Timoshenko. ``stop``: asked at each state. ``noise``: amplitude and seed of §4.3.3, of the
+    guesses and of each cell's density, anew in each step, on a whole model instead of the tests of
+    symmetry; on load steps or, with ``arc``, on arc length, which takes longer. ``on_state`` sees
+    each state as it is accepted, with its model and unknowns.
 
     Raises ValueError for ``arc`` without noise.
     """
@@ -274,9 +275,11 @@ class _Walk:
         )  # fmt: skip
         self.stepper = StableSteps(self.steps, locate=False)
         if noise is not None:
-            self.stepper = self.landing = replace(self.steps, noise=Noise(*noise))
+            weights = uneven(noise[0], model.watch.clock) if model.heavy else None
+            noisy = Noise(*noise, scene=weights)
+            self.stepper = self.landing = replace(self.steps, noise=noisy)
             if arc:
-                self.stepper = ArcLength(rtol, SWAY, step, noise=Noise(*noise))
+                self.stepper = ArcLength(rtol, SWAY, step, noise=noisy)
         self.states: list[State] = []
         self.happenings: list[Happening] = []
         self.iterations = 0

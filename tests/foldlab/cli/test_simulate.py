@@ -264,3 +264,14 @@ def test_why_is_told_to_the_eye_and_in_json(simulate, tmp_path):
     assert alone["fold_angle"] == pytest.approx(bare["fold_angle"], rel=1e-9)
     assert "why" not in alone and alone["plan"]["element"] == "hex27"
     assert all(sentence in simulate(line)[1] for sentence in kept["advice"][:1])
+
+
+def test_materials_that_change_on_the_way(simulate):
+    line = f"{sets(**GROUPS)} --effects none --accuracy 0.1 --no-pictures --json"
+    status, out, _ = simulate(f"{line} --active-stiffness 2")
+    assert status == 0
+    changed = json.loads(out)["fold_angle"]
+    status, out, _ = simulate(line.replace("E_ratio=0.1", "E_ratio=0.2"))
+    assert changed == pytest.approx(json.loads(out)["fold_angle"], rel=1e-4)
+    status, _, err = simulate(f"{line} --passive-density -1")
+    assert status == 2 and "passive_density = -1.0" in err

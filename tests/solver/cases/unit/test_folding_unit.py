@@ -81,16 +81,6 @@ def shapes(folding):
     return curves - middle
 
 
-def test_stiffening_acts():
-    want = angle(reached(build(replace(P, E_ratio=0.2), Meshing(0), Physics(()))))
-    plain = angle(reached(build(P, Meshing(0), Physics(()))))
-    assert abs(plain - want) > 0.1
-    for factor in (lambda e: 2.0, lambda e: 1 + e):
-        # An elastic state does not remember on what way it was reached.
-        found = reached(build(P, Meshing(0), Physics((), stiffening=factor)))
-        assert angle(found) == pytest.approx(want, rel=1e-6)
-
-
 # -- symmetry and stability ----------------------------------------------------------------------
 
 
