@@ -8,12 +8,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from solver.equilibrium.clock import Timed
 from solver.equilibrium.linear import SingularMatrix
 from solver.equilibrium.newton import largest
 from solver.equilibrium.scene import Scene
 from solver.paths.point import Point
-from solver.physics.loads import Gravity
 
 
 @dataclass(frozen=True)
@@ -47,27 +45,3 @@ class Noise:
         n = scene.n_free
         field[:n] = answer[:n] / largest(answer[:n])
         return scene, field
-
-
-def uneven(
-    amplitude: float, clock: dict[str, list[float]] | None = None
-) -> Callable[[Scene, np.random.Generator], Scene]:
-    """For :class:`Noise`: scenes whose cells are by up to ``amplitude`` too heavy or too light.
-
-    Their own density, one number or one per cell, may depend on e. ``clock``: that of the scene's
-    :class:`~solver.equilibrium.clock.Timed` terms, if any.
-    """
-
-    def drawn(term: Gravity, rng: np.random.Generator):
-        factors = 1 + amplitude * rng.uniform(-1, 1, len(term.body.cells))
-        rho = term.density
-        density = (lambda e: factors * rho(e)) if callable(rho) else factors * rho
-        new = Gravity(term.body, density, term.g, name=term.name)
-        return new if clock is None else Timed(new, clock)
-
-    def scene(given: Scene, rng: np.random.Generator) -> Scene:
-        # A term that keeps time has the name and fields of its own.
-        terms = [drawn(t, rng) if t.name == "gravity" else t for t in given.terms]
-        return given.with_terms(terms)
-
-    return scene

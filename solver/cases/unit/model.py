@@ -266,6 +266,25 @@ def _contact(unit: Unit, body: Body) -> Ground:
     )
 
 
+def uneven(amplitude: float, watch: Watch) -> Callable[[Scene, np.random.Generator], Scene]:
+    """For :class:`solver.paths.noise.Noise`: scenes whose cells are by up to ``amplitude`` too
+    heavy or too light."""
+
+    def drawn(term: Term, rng: np.random.Generator) -> Term:
+        factors = 1 + amplitude * rng.uniform(-1, 1, len(term.body.cells))
+        rho = term.density
+        density = (lambda e: factors * rho(e)) if callable(rho) else factors * rho
+        new = Gravity(term.body, density, term.g)
+        return new if watch.clock is None else Timed(new, watch.clock)
+
+    def scene(given: Scene, rng: np.random.Generator) -> Scene:
+        # A term that keeps time has the name and fields of its own.
+        terms = [drawn(t, rng) if t.name == "gravity" else t for t in given.terms]
+        return given.with_terms(terms)
+
+    return scene
+
+
 def fewer(mirrors: Sequence[str]) -> list[set[str]]:
     """The symmetries that a unit may be left with where it loses some: of both mirror planes the
     product is the half-turn about z."""

@@ -16,13 +16,13 @@ from functools import cache
 import numpy as np
 
 from solver.cases.unit.choices import Meshing, Physics, Watch
-from solver.cases.unit.model import Model, build, foot
+from solver.cases.unit.model import Model, build, foot, uneven
 from solver.cases.unit.symmetry import CLASSES, Check, Symmetries
 from solver.equilibrium.clock import OutOfTime
 from solver.equilibrium.descent import descend
 from solver.equilibrium.linear import SingularMatrix
 from solver.equilibrium.newton import newton
-from solver.paths.noise import Noise, uneven
+from solver.paths.noise import Noise
 from solver.paths.point import Ended, Point
 from solver.paths.stable import StableSteps
 from solver.paths.steppers import ArcLength, LoadSteps
@@ -275,7 +275,7 @@ class _Walk:
         )  # fmt: skip
         self.stepper = StableSteps(self.steps, locate=False)
         if noise is not None:
-            weights = uneven(noise[0], model.watch.clock) if model.heavy else None
+            weights = uneven(noise[0], model.watch) if model.heavy else None
             noisy = Noise(*noise, scene=weights)
             self.stepper = self.landing = replace(self.steps, noise=noisy)
             if arc:

@@ -13,10 +13,9 @@ from folding_units import HEAVY, P, angle, reached
 from foldlab.labels import foldability
 from solver.cases.unit.audit import audit
 from solver.cases.unit.choices import Changes, Meshing, Physics, Supports
-from solver.cases.unit.model import build
+from solver.cases.unit.model import build, uneven
 from solver.cases.unit.path import fold
 from solver.paths.continuation import trace
-from solver.paths.noise import uneven
 from solver.paths.steppers import LoadSteps
 
 
@@ -103,7 +102,7 @@ def test_an_audit_refuses_materials_that_it_does_not_know():
 
 def test_noise_makes_weights_uneven_by_as_much_as_it_says():
     model = build(HEAVY, Meshing(0), supports=Supports(()))
-    noisy = uneven(1e-2)(model.scene, np.random.default_rng(3))
+    noisy = uneven(1e-2, model.watch)(model.scene, np.random.default_rng(3))
     own, other = (next(t for t in s.terms if t.name == "gravity") for s in (model.scene, noisy))
     factors = other.density / own.density
     assert 0.009 < np.abs(factors - 1).max() <= 0.01
@@ -114,8 +113,8 @@ def test_noise_makes_weights_uneven_by_as_much_as_it_says():
 def test_a_noisy_path_has_uneven_weights_anew_in_every_step(monkeypatch):
     drawn = []
 
-    def recorded(amplitude, clock=None):
-        draw = uneven(amplitude, clock)
+    def recorded(amplitude, watch):
+        draw = uneven(amplitude, watch)
         assert amplitude == 1e-2
 
         def scene(given, rng):
