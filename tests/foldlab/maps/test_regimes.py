@@ -151,6 +151,16 @@ def test_threshold_moves_the_decision_and_class_order_is_respected():
             return np.column_stack([1 - p, p])
 
     assert regime_map(Graded(), points=900, threshold=0.9).predicted.mean() == pytest.approx(0.1)
+
+    class Leaves(Oracle):
+        """Like a tree, which gives a few probabilities only."""
+
+        def predict_proba(self, designs):
+            p = np.where(designs["E_ratio"] > 1, 0.75, 0.25)
+            return np.column_stack([1 - p, p])
+
+    # Eq. 4.31: a design at the threshold folds.
+    assert regime_map(Leaves(), points=900, threshold=0.75).predicted.mean() == pytest.approx(0.5)
     designs = REDUCED.sample(200, seed=0)
     p = probability_of_folding(Oracle(), designs)
     assert 0 < p.mean() < 1
