@@ -41,6 +41,17 @@ def test_beyond_a_fold_the_path_falls_into_the_well_on_the_other_side():
     assert {p.unstable for p in path.points} == {0}
 
 
+@pytest.mark.parametrize("locate", [False, True])
+def test_a_fall_ends_at_the_target_and_not_beyond_it(locate):
+    scene, target = truss(), 1.001 * LIMIT
+    stepper = StableSteps(LoadSteps(1e-10, 4e-5, cut=4.0), locate=locate)
+    seen = []
+    for point in follow(scene, np.zeros(scene.size), stepper, until=load(target), max_steps=30):
+        seen.append(point)
+    assert max(p.e for p in seen) == seen[-1].e == target
+    assert -seen[-1].x[0] > 0.2 and seen[-1].events[-1].kind == "snap"
+
+
 def test_a_step_that_newton_could_not_take_is_no_snap():
     # One iteration never is enough on e = q⁵ + q, so the energy has to fall at each step.
     scene = function_scene(

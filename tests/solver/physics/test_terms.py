@@ -77,6 +77,7 @@ def test_functions_of_e_follow_e(monkeypatch):
             lambda e: Elastic(body, NeoHookean(1 + e * X, 0.2 * e), Isotropic(-e / 2), cells=left),
         ),
         (Gravity(body, lambda e: 1 + e, lambda e: 2 * e), lambda e: Gravity(body, 1 + e, 2 * e)),
+        (Gravity(body, 1.5, lambda e: (0, e, -2)), lambda e: Gravity(body, 1.5, (0, e, -2))),
         (Traction(body, top, lambda e: (e, 0, 1)), lambda e: Traction(body, top, (e, 0, 1))),
         (Pressure(body, top, lambda e: e), lambda e: Pressure(body, top, e)),
     ]

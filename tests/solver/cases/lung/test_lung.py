@@ -231,6 +231,9 @@ def test_measures_of_known_displacements():
     # A hexagon's spacing is the distance of its opposite bundles, √3 of an edge but for curvature.
     (hexagon,) = [c for c in rest.cells if c.edges == 6]
     assert hexagon.spacing == pytest.approx(LUNG.spacing, rel=0.03)
+    # In the mean over the sphere, not over the kinds of tiles.
+    mean = sum(c.number * c.spacing for c in rest.cells) / 42
+    assert rest.spacing == pytest.approx(mean, rel=1e-12)
     assert (rest.depth, rest.thinnest, rest.thickest) == pytest.approx((0, 1, 1))
     grown = measure(body, LUNG, 0.25 * body.nodes)
     # u·N grows with r, so the epithelium's own thickness is the depth.

@@ -49,6 +49,8 @@ def test_a_slender_hinge_is_strained_as_timoshenko_says(beam):
     H = BEAM.active
     elastic = force / (BEAM.E_ratio * H) + BEAM.curvature * H / 2
     assert got.active.tension == pytest.approx(elastic, rel=0.02)
+    outer = elastic - BEAM.curvature * H
+    assert got.active.compression == pytest.approx(outer, rel=0.02) and outer < 0
     assert got.active.stress == pytest.approx(BEAM.E_ratio * elastic, rel=0.02)
     assert got.passive.strain == -got.passive.compression > got.passive.tension
     assert bottom < 0.5 * -top  # so that a face taken for the other would show
