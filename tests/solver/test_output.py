@@ -89,6 +89,17 @@ def test_curved_cells_stay_curved(element, tmp_path):
     np.testing.assert_allclose(r[outside & (r > 1.99)], 2, rtol=2e-4)
 
 
+def test_a_field_at_the_points_becomes_its_mean_over_the_cell():
+    # Of y² over a cell from a to b: (a² + ab + b²)/3; Gauss's points have weights of their own.
+    body = make("hex27")
+    y = body.points()[..., 1]
+    cells = pv.wrap(grid(body, cell_data={"yy": y**2, "row": np.stack([y, y**2], -1)})).cell_data
+    ends = body.nodes[body.cells, 1]
+    a, b = ends.min(axis=1), ends.max(axis=1)
+    np.testing.assert_allclose(cells["yy"], (a * a + a * b + b * b) / 3, rtol=1e-12)
+    np.testing.assert_allclose(cells["row"][:, 1], cells["yy"], rtol=1e-12)
+
+
 def elastic(body, g=-0.2):
     active = body.cells_of("high")
     fg = Orthotropic((0.0, g, 0.0), cells=active)

@@ -9,7 +9,9 @@ import pytest
 from campaign_sources import Timed
 
 from foldlab import __version__
+from foldlab.campaign import campaign
 from foldlab.labels import solver as sources
+from foldlab.labels.label import Label
 
 
 def last_json(result):
@@ -100,6 +102,20 @@ def test_design_confirms_its_proposals(foldlab, labels):
         assert proposal["groups"]["slenderness"] == 0.01
         low, high = proposal["box"]["E_ratio"]
         assert low < proposal["groups"]["E_ratio"] < high
+
+
+def test_a_campaign_that_stopped_half_way_is_status_3(foldlab, monkeypatch):
+    def broken(source, waiting, book, workers, in_flight):
+        book.begin()
+        book.commit([(key, Label({}, True, "it folds")) for key in list(waiting)[:2]])
+        return "the workers died"
+
+    monkeypatch.setitem(sources.SOURCES, "timed", Timed)
+    monkeypatch.setattr(campaign, "_pooled", broken)
+    foldlab("sample -n 5 -o d.parquet")
+    status, out, err = foldlab("label d.parquet -o s.db --source timed --set accuracy=0.1 --json")
+    assert (status, json.loads(out)["computed"], json.loads(out)["complete"]) == (3, 2, False)
+    assert "not reached: stopped: the workers died; 2 of 5 designs have a label" in err
 
 
 def test_design_for_an_angle_needs_no_model(foldlab):
