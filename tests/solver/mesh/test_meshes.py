@@ -1,5 +1,7 @@
 """Structured builders, refused meshes and the quality report."""
 
+from itertools import product
+
 import numpy as np
 import pytest
 import skfem
@@ -8,7 +10,7 @@ from solver.cases.unit import problem_p
 from solver.mesh import checks
 from solver.mesh.body import Body
 from solver.mesh.quality import quality
-from solver.mesh.structured import box, graded, joined, polar, spherical, weld
+from solver.mesh.structured import box, graded, growing, joined, polar, spherical, weld
 
 TWO = [0.0, 1.0, 2.0]
 ONE = [0.0, 1.0]
@@ -131,6 +133,16 @@ def test_weld_joins_layers_and_keeps_names(tets):
         weld(skfem.MeshHex2())
 
 
+def test_growing_steps_keep_their_first_their_factor_and_the_longest():
+    for length, first, factor, longest in ((1.0, 0.01, 3.0, 0.1), (0.4, 0.3, 2.0, 0.1)):
+        steps = np.diff(growing(length, first, factor, longest))
+        assert steps.sum() == pytest.approx(length)
+        # They shrink to fit, by less than one of them.
+        assert 0.5 * min(first, longest) < steps[0] <= min(first, longest) * (1 + 1e-12)
+        assert 0.5 * longest < steps.max() <= longest * (1 + 1e-12)
+        assert (steps[1:] / steps[:-1] < factor * (1 + 1e-12)).all()
+
+
 def test_problem_p():
     passive, active = 0.1 * 0.5 * 4e-3, 0.1 * 0.1 * 20e-3
     before = 0
@@ -201,6 +213,17 @@ def hanging(shift=0.0):
     fine = skfem.MeshHex.init_tensor([1, 2], [0, 1], [0, 0.5 + shift, 1])
     p = np.hstack([coarse.p, fine.p])
     return weld(skfem.MeshHex(p, np.hstack([coarse.t, fine.t + 8])))
+
+
+def test_nodes_that_hang_anywhere_on_a_facet_are_seen():
+    # Sixteen facets against one: on its sides, its diagonals, and in each of its quarters.
+    coarse = skfem.MeshHex.init_tensor([0, 1], [0, 1], [0, 1])
+    places = [0, 0.2, 0.5, 0.8, 1]
+    fine = skfem.MeshHex.init_tensor([1, 2], places, places)
+    mesh = weld(skfem.MeshHex(np.hstack([coarse.p, fine.p]), np.hstack([coarse.t, fine.t + 8])))
+    loose = mesh.p[:, checks.hanging(mesh, checks.facets(mesh))].T
+    corners = {(1, 0, 0), (1, 0, 1), (1, 1, 0), (1, 1, 1)}
+    assert {tuple(x) for x in loose.tolist()} == set(product([1], places, places)) - corners
 
 
 def bridged():
