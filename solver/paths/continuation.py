@@ -247,7 +247,7 @@ def _end(scene, before, after, located, until, gap, rtol) -> Point | Outcome | N
         )
         if not beyond:
             return None
-        found = between(scene, before, after, beyond[0].share, rtol=rtol)
+        found = between(scene, before, after, beyond[0].fraction, rtol=rtol)
         if found is None or until(found[0]) * gap > 0:
             return None
         middle = found[0]
@@ -264,13 +264,13 @@ def _land(scene, before, after, until, rtol) -> Point | Outcome:
     """The zero of ``until`` between two points that bracket it."""
     last, spent = after, after.iterations
 
-    def value(share):
+    def value(fraction):
         nonlocal last, spent
-        if share in (0.0, 1.0):
-            return until(before if share == 0 else after)
-        made = between(scene, before, after, share, rtol=rtol)
+        if fraction in (0.0, 1.0):
+            return until(before if fraction == 0 else after)
+        made = between(scene, before, after, fraction, rtol=rtol)
         if made is None:
-            raise NotFollowed(f"no equilibrium was found at {share:.3g} of the step")
+            raise NotFollowed(f"no equilibrium was found at {fraction:.3g} of the step")
         last = made[0]
         spent += last.iterations
         return until(last)

@@ -20,7 +20,7 @@ from solver.equilibrium.scene import Scene
 from solver.paths.arc import NotFollowed, Plane, between, correct, tangent
 from solver.paths.point import Point, displacement_size
 
-# Width of the final bracket of an event, as a share of the step that contains it.
+# Width of the final bracket of an event, as a fraction of the step that contains it.
 RESOLUTION = 1e-5
 
 
@@ -31,7 +31,7 @@ class Event:
     ``kind``: ``fold`` or ``branch``, located on the path; ``snap`` or ``bifurcation``: what a
     stable path did at one, the state being the one it came to. ``e``, ``x`` (size,). ``vector``
     (size,): critical mode, 1 in the Euclidean norm; of a snap or bifurcation its displacement.
-    ``share``: where on the line between the points. ``unstable``: modes before and after.
+    ``fraction``: where on the line between the points. ``unstable``: modes before and after.
     ``sees_load``: cosine between the critical vector and ∂R/∂e, 0 at a branch point. ``tangent``
     (size + 1,) of the path. ``size``: max|Δu| / length of a snap; ``energy_drop``: what the energy
     fell by in it.
@@ -41,7 +41,7 @@ class Event:
     e: float
     x: np.ndarray
     vector: np.ndarray
-    share: float = 0.0
+    fraction: float = 0.0
     unstable: tuple[int | None, int | None] = (None, None)
     sees_load: float = 0.0
     tangent: np.ndarray | None = None
@@ -51,9 +51,9 @@ class Event:
 
 @dataclass(eq=False)
 class _Probe:
-    """A point at a share of the step, with its critical mode."""
+    """A point at a fraction of the step, with its critical mode."""
 
-    share: float
+    fraction: float
     point: Point
     value: float | None
     vector: np.ndarray | None
@@ -81,20 +81,20 @@ def _turns(p: _Probe, q: _Probe) -> bool:
     return p.point.tangent[-1] * q.point.tangent[-1] < 0
 
 
-def _probe(scene, before, after, share, rtol) -> _Probe | None:
-    made = between(scene, before, after, share, rtol=rtol)
+def _probe(scene, before, after, fraction, rtol) -> _Probe | None:
+    made = between(scene, before, after, fraction, rtol=rtol)
     if made is None:
         return None
     point, factor = made
     try:
-        return _Probe(share, point, *critical_mode(scene, factor, sweeps=30))
+        return _Probe(fraction, point, *critical_mode(scene, factor, sweeps=30))
     except SingularMatrix:
-        return _Probe(share, point, None, None)
+        return _Probe(fraction, point, None, None)
 
 
 def _search(scene, before, after, low: _Probe, high: _Probe, rtol) -> list[Event]:
     """Events between two probes that differ: one is bracketed, then each side of it is searched."""
-    if high.share - low.share <= 4 * RESOLUTION or not _differ(low, high):
+    if high.fraction - low.fraction <= 4 * RESOLUTION or not _differ(low, high):
         return []
     fold = _turns(low, high)
     first = low.point.unstable
@@ -106,46 +106,46 @@ def _search(scene, before, after, low: _Probe, high: _Probe, rtol) -> list[Event
         size = 1.0 if probe.value is None else abs(probe.value)
         return size if probe.point.unstable == first else -size
 
-    seen = {low.share: low, high.share: high}
+    seen = {low.fraction: low, high.fraction: high}
 
-    def probed(share):
-        if share not in seen:
-            seen[share] = _probe(scene, before, after, share, rtol)
-        return seen[share]
+    def probed(fraction):
+        if fraction not in seen:
+            seen[fraction] = _probe(scene, before, after, fraction, rtol)
+        return seen[fraction]
 
-    def at(share):
-        probe = probed(share)
+    def at(fraction):
+        probe = probed(fraction)
         if probe is None:
-            raise NotFollowed(f"no equilibrium was found at {share:.3g} of the step")
+            raise NotFollowed(f"no equilibrium was found at {fraction:.3g} of the step")
         return probe
 
-    def bounded(share):
-        probe = at(share)
-        if probe.value is None and share in (low.share, high.share) and not fold:
+    def bounded(fraction):
+        probe = at(fraction)
+        if probe.value is None and fraction in (low.fraction, high.fraction) and not fold:
             # The ends come without their mode; a size like the neighbour's keeps the secant sane.
-            middle = probed(0.5 * (low.share + high.share))
+            middle = probed(0.5 * (low.fraction + high.fraction))
             size = 1.0 if middle is None or middle.value is None else abs(middle.value)
             return size if probe.point.unstable == first else -size
         return gap(probe)
 
     left = right = None
     try:
-        root = brentq(bounded, low.share, high.share, xtol=RESOLUTION / 4, rtol=1e-12)
+        root = brentq(bounded, low.fraction, high.fraction, xtol=RESOLUTION / 4, rtol=1e-12)
     except (NotFollowed, RuntimeError):
         # Close to a singular point a thin structure's corrections may not settle: then it is where
         # they don't.
-        root = next((share for share, p in reversed(seen.items()) if p is None), None)
+        root = next((fraction for fraction, p in reversed(seen.items()) if p is None), None)
         if root is None:
             left, right = _bracket(seen, bounded, low, high)
     half = RESOLUTION / 2
     while half < 0.1 and (left is None or right is None):
         try:
             if left is None:
-                probe = at(max(root - half, low.share))
-                left = probe if gap(probe) * bounded(low.share) > 0 else None
+                probe = at(max(root - half, low.fraction))
+                left = probe if gap(probe) * bounded(low.fraction) > 0 else None
             if right is None:
-                probe = at(min(root + half, high.share))
-                right = probe if gap(probe) * bounded(high.share) > 0 else None
+                probe = at(min(root + half, high.fraction))
+                right = probe if gap(probe) * bounded(high.fraction) > 0 else None
         except NotFollowed:
             pass
         half *= 3
@@ -163,10 +163,12 @@ def _search(scene, before, after, low: _Probe, high: _Probe, rtol) -> list[Event
 
 def _bracket(seen, gap, low: _Probe, high: _Probe) -> tuple[_Probe, _Probe]:
     """The closest pair of probes, of those that were found, between which ``gap`` changes sign."""
-    found = [p for share, p in sorted(seen.items()) if p is not None]
-    same = [p for p in found if gap(p.share) * gap(low.share) > 0]
-    left = max(same, key=lambda p: p.share)
-    right = min((p for p in found if p.share > left.share), key=lambda p: p.share, default=high)
+    found = [p for fraction, p in sorted(seen.items()) if p is not None]
+    same = [p for p in found if gap(p.fraction) * gap(low.fraction) > 0]
+    left = max(same, key=lambda p: p.fraction)
+    right = min(
+        (p for p in found if p.fraction > left.fraction), key=lambda p: p.fraction, default=high
+    )
     return left, right
 
 
@@ -187,7 +189,7 @@ def _event(scene: Scene, left: _Probe, right: _Probe, fold: bool) -> Event | Non
     if rate is not None and np.linalg.norm(rate[: scene.n_free]) > 0:
         sees = float(abs(vector @ rate) / np.linalg.norm(rate[: scene.n_free]))
     return Event(
-        "fold" if fold else "branch", e, x, vector, (1 - w) * left.share + w * right.share,
+        "fold" if fold else "branch", e, x, vector, (1 - w) * left.fraction + w * right.fraction,
         (p.unstable, q.unstable), sees, p.metric.unit(p.tangent + q.tangent),
     )  # fmt: skip
 

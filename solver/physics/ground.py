@@ -79,12 +79,12 @@ class Ground:
         if centred is None:
             np.add.at(area, surface.nodes, np.einsum("fq,fqk->fk", surface.weights, surface.shapes))
             k = surface.nodes.shape[1]
-            self._centres, self._share = np.empty((0, k), int), np.zeros(k)
+            self._centres, self._at_centre = np.empty((0, k), int), np.zeros(k)
             self._centre_area = np.empty(0)
             self.graph = NodeGraph.of(n)
             self._diagonal = np.arange(n)
         else:
-            rule, self._share = centred
+            rule, self._at_centre = centred
             whole = surface.weights.sum(axis=1)
             np.add.at(area, surface.nodes, whole[:, None] * rule[:-1])
             self._centres, self._centre_area = surface.nodes, whole * rule[-1]
@@ -95,15 +95,15 @@ class Ground:
         self._area = np.concatenate([area[self._nodes], self._centre_area])
 
     def _heights(self, z: np.ndarray) -> np.ndarray:
-        return np.concatenate([z[self._nodes], z[self._centres] @ self._share])
+        return np.concatenate([z[self._nodes], z[self._centres] @ self._at_centre])
 
     def gaps(self, u: np.ndarray) -> np.ndarray:
         """Height above the ground of each contact point, (points,); negative: penetration."""
         return self._heights(self.body.nodes[:, self.axis] + u[:, self.axis]) - self.height
 
     def longest_step(self, u: np.ndarray, du: np.ndarray) -> float:
-        """Share of du (n, 3), at most 1, that brings no point nearer than a tenth of its distance
-        to the floor."""
+        """Fraction of du (n, 3), at most 1, that brings no point nearer to the floor than a tenth
+        of its distance."""
         s = self._heights(self.body.nodes[:, self.axis] + u[:, self.axis]) - self._floor
         ds = self._heights(du[:, self.axis])
         down = ds < 0
@@ -126,14 +126,14 @@ class Ground:
         force = np.zeros_like(self.body.nodes)
         f = self._kappa * self._area * first
         force[self._nodes, axis] = f[:k]
-        np.add.at(force[:, axis], self._centres, f[k:, None] * self._share)
+        np.add.at(force[:, axis], self._centres, f[k:, None] * self._at_centre)
         if order < 2:
             return Evaluation(energy, force)
         blocks = np.zeros((self.graph.blocks, 3, 3))
         c = self._kappa / self._range * self._area * second
         blocks[self._diagonal[self._nodes], axis, axis] = c[:k]
         if len(self._centres):
-            part = c[k:, None, None] * np.outer(self._share, self._share)
+            part = c[k:, None, None] * np.outer(self._at_centre, self._at_centre)
             np.add.at(blocks[:, axis, axis], self._where, part)
         return Evaluation(energy, force, blocks, own=True)
 
