@@ -125,7 +125,8 @@ class Effort:
 
     ``accuracy``: error that is asked for, of the fold angle and of the turning across the hinge,
     relative to the angle or to what counts as folded (|g|π), whichever is larger; meshes are
-    refined until two of them agree so well, at most to the third, below 0.01 to the fourth.
+    refined until two of them agree so well, at most to the third, below 0.01 or where the verdict
+    hangs on the error to the fourth.
     ``timeout``: core-seconds per label, after which it is unknown; what compiling takes, at the
     first label on a machine, is not counted. ``refine``: "always"; "near" a threshold only and
     where the coarsest path is in doubt, see :mod:`foldlab.labels.screening`; or "never". What is

@@ -98,7 +98,7 @@ class SolverSource:
     def version(self) -> str:
         """Tells all settings apart that may change an answer."""
         c, effort = self.conditions, self.effort
-        parts = ["5", c.growth, c.effects.replace(",", "+"), f"{effort.accuracy:g}"]
+        parts = ["6", c.growth, c.effects.replace(",", "+"), f"{effort.accuracy:g}"]
         parts += ["exists"] * (self.question == "exists") + ["falls"] * (not c.upright)
         parts += [f"noise{self.seed}"] * (self.seed is not None)
         parts += [f"pattern{c.strips}x{c.strip_share:g}"] * (c.strips > 0)
@@ -141,12 +141,16 @@ class SolverSource:
         coarse = run.settled and self._enough(groups, run)
         if coarse:
             errors = judging.calibrated(run, groups, self.thresholds)
-        for level in () if coarse else range(1, self.effort.plan.finest + 1):
+        finest, asked = self.effort.plan.finest, self.effort.accuracy
+        for level in () if coarse else range(1, min(finest + 1, FINEST) + 1):
             if not run.settled or core_seconds() > deadline:
                 break
-            size = run.folding.model.scene.size
-            if level > 1 and (run.closed or size > LARGEST[self.effort.plan.finest]):
-                break
+            if level > 1:
+                # Where the verdict hangs on it, one mesh more and larger ones.
+                open_ = bool(judging.undecided(run, errors, self.thresholds, accuracy=asked))
+                size = run.folding.model.scene.size / (FURTHER if open_ else 1)
+                if run.closed or size > LARGEST[finest] or (level > finest and not open_):
+                    break
             refined = self._refined(run, level, deadline)
             if refined is None and level > 1:
                 break
@@ -160,18 +164,14 @@ class SolverSource:
                 refined = again, judging.difference(run, again, groups, self.thresholds)
             before, run, errors = run, refined[0], refined[1].stated(level)
             levels += 1
-            if (
-                errors.largest <= self.effort.accuracy
-                and level + 1 >= self.effort.plan.finest
-                and not self._across(run, level)
-            ):
+            if errors.largest <= asked and level + 1 >= finest and not self._across(run, level):
                 break
         foldable, reason, evidence = judging.judge(
             self.changing.at_end(self._pattern() | groups),
             run,
             errors,
             self.thresholds,
-            accuracy=self.effort.accuracy,
+            accuracy=asked,
             levels=levels,
             coarse=coarse,
             before=before,
@@ -343,6 +343,9 @@ class SolverSource:
 
 # Unknowns of a mesh that is not refined again; the error then stays as stated. By finest level.
 LARGEST = {2: 6000, 3: 20000}
+# And by what factor more where the verdict is open.
+FURTHER = 3
+FINEST = 3  # of all meshes
 
 # Error over |g|π of m2 on meshes of one element across the hinge; the worst of 18 was 0.17.
 ACROSS = 0.2

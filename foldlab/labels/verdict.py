@@ -75,7 +75,8 @@ def judge(
     ``errors``: of the last state, None where no second mesh confirmed it; ``coarse``: whether they
     are the calibrated ones of :mod:`foldlab.labels.screening`; ``levels``: meshes that were used;
     ``before``: the path on the mesh before. Where two paths end on different branches, so far apart
-    that no mesh explains it, and both are sure of the same verdict, it stands and says so.
+    that no mesh explains it, the evidence tells the other (``alternatives``); where both are sure
+    of the same verdict, it stands.
     """
     folding = run.folding
     evidence = {
@@ -125,33 +126,41 @@ def judge(
     if run.settled and errors is None:
         reason = f"unknown, for no finer mesh confirmed it in time: {reason}"
         foldable, evidence["outcome"] = None, "unverified"
-    elif run.settled and errors.largest > accuracy:
-        # A measure known as well as was asked for counts on the side where it lies.
-        open_ = [off * scale if off > accuracy else 0.0 for off in (errors.m1, errors.m2)]
-        near = screening.near(
-            run.measures,
-            design["contraction"],
-            thresholds,
-            (open_[0], open_[1]),
-            screening.COARSE_SLIP if coarse else 0.0,
-        )
-        if near and not run.closed:
-            if before is not None and errors.largest > BRANCHED and _agree(before, run, thresholds):
-                other = before.measures
-                evidence["alternatives"] = [
-                    {"m1": other["m1"], "m2": other["m2"], "how": "the path on the mesh before"}
-                ]
-                reason += (
-                    f"; the mesh before took another branch, to {other['m1']:.3g} rad, with the "
-                    "same verdict"
-                )
-            else:
-                foldable, evidence["outcome"] = None, "unresolved"
-                reason = f"unknown: {' and '.join(near)}"
+    elif run.settled:
+        branched = before is not None and before.settled and errors.largest > BRANCHED
+        if branched and not (run.closed or before.closed):
+            other = before.measures
+            how = "the path on the mesh before"
+            evidence["alternatives"] = [{"m1": other["m1"], "m2": other["m2"], "how": how}]
+            told = f"; the mesh before took another branch, to {other['m1']:.3g} rad"
+        near = undecided(run, errors, thresholds, accuracy=accuracy, coarse=coarse)
+        if near and "alternatives" in evidence and _agree(before, run, thresholds):
+            reason += f"{told}, with the same verdict"
+        elif near:
+            foldable, evidence["outcome"] = None, "unresolved"
+            reason = f"unknown: {' and '.join(near)}"
+            reason += told if "alternatives" in evidence else ""
     no_state = not run.history and not run.timed_out
     if folding.model.heavy and (no_state or evidence["outcome"] == "unverified"):
         reason += _burden(design)
     return foldable, reason, evidence
+
+
+def undecided(
+    run: Run, errors: Errors, thresholds: Thresholds, *, accuracy: float, coarse: bool = False
+) -> list[str]:
+    """Which measures of a settled path the errors leave open, one phrase each; see :func:`judge`.
+
+    A measure known as well as was asked for counts on the side where it lies, and so does a path
+    that ended at a full turn.
+    """
+    if run.closed or errors.largest <= accuracy:
+        return []
+    g = run.folding.model.unit.contraction
+    scale = float(thresholds.scale(run.measures["m1"], g))
+    open_ = [off * scale if off > accuracy else 0.0 for off in (errors.m1, errors.m2)]
+    slip = screening.COARSE_SLIP if coarse else 0.0
+    return screening.near(run.measures, g, thresholds, (open_[0], open_[1]), slip)
 
 
 def _agree(before: Run, run: Run, thresholds: Thresholds) -> bool:

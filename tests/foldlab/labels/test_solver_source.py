@@ -19,6 +19,7 @@ from foldlab.design import PATTERNED, REDUCED
 from foldlab.errors import InputError
 from foldlab.labels import foldability, solver
 from foldlab.labels.asked import Conditions, Effort
+from foldlab.labels.foldability import Thresholds
 from foldlab.labels.label import LabelSource, storable
 from foldlab.labels.memory import hand_back
 from foldlab.labels.solver import SolverSource, make_source
@@ -280,7 +281,7 @@ def test_versions_tell_settings_apart():
     assert len({make_source("solver", o).version for o in options}) == len(options)
     # What can't change an answer makes no other version.
     same = [{}, {"timeout": 9.0}, {"strip_share": 0.8}]
-    assert {make_source("solver", o).version for o in same} == {"5-uniaxial-gravity+ground-0.02"}
+    assert {make_source("solver", o).version for o in same} == {"6-uniaxial-gravity+ground-0.02"}
 
 
 def test_settings_without_strips_do_not_say_what_strips_cover():
@@ -314,11 +315,29 @@ def test_meshes_beyond_the_cap_on_unknowns_are_not_refined(accuracy, finest, mon
     run = source.run(LIGHT, 0)
     size = run.folding.model.scene.size
     monkeypatch.setattr(SolverSource, "run", lambda *args, **limits: run)
-    refined = run, Errors(0.5, 0.5)
+    refined = run, Errors(0.1, 0.0)
     monkeypatch.setattr(SolverSource, "_refined", lambda self, run, level, deadline: refined)
     for cap, levels in ((size, finest + 1), (size - 1, 2)):
         monkeypatch.setitem(solver.LARGEST, finest, cap)
         assert source.label(LIGHT).evidence["levels"] == levels
+
+
+def test_a_verdict_that_hangs_on_the_mesh_gets_one_more_and_larger_ones(monkeypatch):
+    monkeypatch.setattr(solver, "FURTHER", 3)
+    source = SolverSource(Conditions(effects="none"), Effort(0.02))
+    run = source.run(LIGHT, 0)
+    size = run.folding.model.scene.size
+    monkeypatch.setattr(SolverSource, "run", lambda *args, **limits: run)
+    need = run.measures["m1"] / 1.01
+    limits = Thresholds(need=need), Thresholds(need=need / 1.2)
+    monkeypatch.setattr(
+        SolverSource, "_refined", lambda self, run, level, deadline: (run, Errors(0.1, 0.0))
+    )
+    for cap, near, far in ((size, 4, 3), (size - 1, 4, 2), (size / 3.01, 2, 2)):
+        monkeypatch.setitem(solver.LARGEST, 2, cap)
+        labels = [replace(source, thresholds=t).label(LIGHT) for t in limits]
+        assert [label.evidence["levels"] for label in labels] == [near, far]
+    assert labels[0].foldable is None and labels[1].foldable
 
 
 @pytest.mark.parametrize(

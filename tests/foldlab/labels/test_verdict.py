@@ -144,9 +144,27 @@ def test_a_fold_by_the_ends_of_the_active_layer_is_told():
 def test_branches_that_agree_on_the_verdict_are_told_with_it(other, this, error, agreed):
     foldable, _, reason = judged(a_run(m1=this), error, before=a_run(m1=other))
     assert foldable is ((this > ALPHA) if agreed else None)
-    assert agreed == ("took another branch" in reason)
+    assert agreed == ("with the same verdict" in reason)
+    assert (error == 1.0) == ("took another branch" in reason)
     lost = a_run(m1=other, ending=Ending.LOST)
     assert judged(a_run(m1=this), error, before=lost)[0] is None
+
+
+def test_another_branch_is_told_whatever_the_verdict():
+    def told(before, this, error):
+        errors = Errors(error, error)
+        return judge(
+            DESIGN, this, errors, LIMITS, accuracy=0.02, levels=2, coarse=False, before=before
+        )[2].get("alternatives")
+
+    there = [{"m1": 0.1, "m2": 0.2, "how": "the path on the mesh before"}]
+    other, this = a_run(m1=0.1, m2=0.2), a_run(m1=2.0)
+    assert told(other, this, 1.0) == told(other, a_run(m1=9.0), 0.9) == there
+    assert told(other, this, 0.2) is told(None, this, 1.0) is None
+    assert told(a_run(m1=0.1, ending=Ending.LOST), this, 1.0) is None
+    # At a full turn it is the contraction that differs.
+    assert told(other, a_run(closed=True, m1=6.3), 1.0) is None
+    assert told(a_run(closed=True, m1=6.3), this, 1.0) is None
 
 
 def test_a_closed_path_is_resolved_whatever_its_error():
