@@ -89,6 +89,9 @@ def descend(
     def residual(z):
         return scene.residual(z, e)
 
+    def moved(z, dz):
+        return scene.moved(z, dz, e)
+
     def result(outcome, x=None):
         where = here if x is None else x
         return NewtonResult(where, e, outcome, iterations, correction, ratio, system)
@@ -133,7 +136,7 @@ def descend(
                 return result(Outcome.STAGNATED)
             break
         if shift == 0:
-            here, left = chords(residual, factor.solve, step, size, rtol)
+            here, left = chords(residual, factor.solve, step, size, rtol, moved=moved)
             if left <= rtol:
                 correction = left
         else:
@@ -154,7 +157,7 @@ class _Drag:
     def __init__(self, scene: Scene, anchor: np.ndarray, drag: float):
         self._scene, self._anchor, self._drag = scene, anchor, drag
         self.size, self.n_free, self.scales = scene.size, scene.n_free, scene.scales
-        self.longest_step = scene.longest_step
+        self.longest_step, self.moved = scene.longest_step, scene.moved
 
     def _pull(self, x):
         d = np.zeros(self.size)
@@ -193,7 +196,7 @@ def _flow(scene, x, e, rtol, reach, max_iterations, spent, drag) -> NewtonResult
     last = NewtonResult(x, e, Outcome.NO_STABLE_STATE, spent, np.inf, np.inf, system)
     while spent < max_iterations and failed < 12:
         step = newton(
-            _Drag(scene, x, drag), x + velocity / drag, e,
+            _Drag(scene, x, drag), _ahead(scene, x, velocity / drag, e), e,
             rtol=max(rtol, 1e-3 * reach), max_iterations=10, unstable=0, fresh=False,
         )  # fmt: skip
         spent += step.iterations + 1
@@ -226,6 +229,17 @@ def _flow(scene, x, e, rtol, reach, max_iterations, spent, drag) -> NewtonResult
             x, velocity = _off_saddle(scene, system, x, e, rtol), 0 * velocity
             system = scene.system(x, e)
     return replace(last, x=x, iterations=spent)
+
+
+def _ahead(scene: Scene, x: np.ndarray, dx: np.ndarray, e: float) -> np.ndarray:
+    """As far along dx as the barriers admit."""
+    size = scene.longest_step(x, dx, e)
+    for _ in range(6):
+        there = scene.moved(x, size * dx, e)
+        if np.isfinite(scene.energy(there, e)):
+            return there
+        size /= 2
+    return x
 
 
 def _definite(scene: Scene, system: System, shift: float) -> tuple[System, float, int]:

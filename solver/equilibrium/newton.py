@@ -120,8 +120,8 @@ class Equations(Protocol):
 
     ``state``: the unknowns and the load in z. ``linearise`` and ``residual``: None where the state
     is not admissible. ``size``: of a correction, as a ratio to be compared with rtol; ``norm``: its
-    Euclidean length, by which steps are compared. ``step``: how far to go along dz, ``longest`` of
-    it at most.
+    Euclidean length, by which steps are compared. ``moved``: where a step dz leads to from z.
+    ``step``: how far to go along dz, ``longest`` of it at most.
     """
 
     scene: Scene
@@ -137,6 +137,8 @@ class Equations(Protocol):
     def norm(self, dz: np.ndarray) -> float: ...
 
     def longest_step(self, z: np.ndarray, dz: np.ndarray) -> float: ...
+
+    def moved(self, z: np.ndarray, dz: np.ndarray) -> np.ndarray: ...
 
     def step(self, system: System, solve, z, dz, longest: float) -> Step | Outcome: ...
 
@@ -177,7 +179,9 @@ def iterate(
         step = equations.step(system, solve, z, dz, longest)
         if isinstance(step, Outcome):
             return ended(step, k, z)
-        z, last = chords(equations.residual, solve, step, equations.size, rtol)
+        z, last = chords(
+            equations.residual, solve, step, equations.size, rtol, moved=equations.moved
+        )
         if last <= rtol and not fresh:
             correction = last
             return ended(Outcome.CONVERGED, k, z)
@@ -211,20 +215,25 @@ class _AtLoad:
     def longest_step(self, z, dz):
         return self.scene.longest_step(z, dz, self._e)
 
+    def moved(self, z, dz):
+        return self.scene.moved(z, dz, self._e)
+
     def step(self, system, solve, z, dz, longest):
         # Without a count the slope alone says whether the step goes downhill.
         count, step = None if system.energy is None else system.unstable, None
         guided = count in (0, None) if self._unstable is None else self._unstable == 0
         if system.energy is not None and guided:
             if count != 0:
-                step = damped(self.residual, solve, z, dz, self.norm, longest, trials=1)
+                step = damped(
+                    self.residual, solve, z, dz, self.norm, longest, trials=1, moved=self.moved
+                )
                 step = step if isinstance(step, Step) else None
             if step is None:
                 step = downhill(self.scene, system, z, self._e, dz, longest)
             if step is None and self._unstable == 0 and count != 0:
                 step = downhill(self.scene, system, z, self._e, -dz, longest)
         if step is None:
-            step = damped(self.residual, solve, z, dz, self.norm, longest)
+            step = damped(self.residual, solve, z, dz, self.norm, longest, moved=self.moved)
         return step
 
 
@@ -280,8 +289,11 @@ def damped(
     norm: Callable[[np.ndarray], float],
     longest: float = 1.0,
     trials: int = 20,
+    moved: Callable[[np.ndarray, np.ndarray], np.ndarray] = np.add,
 ) -> Step | Outcome:
     """A fraction of dz that passes the natural monotonicity test ‖A⁻¹R(z + t dz)‖ ≤ (1 − t/4)‖dz‖.
+
+    ``moved``: where a step leads to, see :meth:`solver.equilibrium.scene.Scene.moved`.
 
     After Deuflhard, Newton Methods for Nonlinear Problems, NLEQ-ERR.
     """
@@ -289,7 +301,7 @@ def damped(
     for _ in range(trials):
         if t < 1e-4 * longest:
             break
-        trial = z + t * dz
+        trial = moved(z, t * dz)
         R = residual(trial)
         if R is None:
             t /= 2
@@ -328,7 +340,7 @@ def downhill(
     noise = 1e-6 * (abs(start) + abs(system.energy)) + 1e-15 * scene.scales.energy
     t, admissible = longest, False
     while t > 1e-4 * longest:
-        trial = x + t * dx
+        trial = scene.moved(x, t * dx, e)
         there = scene.gradient(trial, e)
         if there is None:
             t /= 2
@@ -354,6 +366,7 @@ def chords(
     size: Callable[[np.ndarray], float],
     rtol: float,
     most: int = 4,
+    moved: Callable[[np.ndarray, np.ndarray], np.ndarray] = np.add,
 ) -> tuple[np.ndarray, float]:
     """Corrections with the old factor while they contract fourfold; (z, size of the last one).
 
@@ -368,12 +381,13 @@ def chords(
     for _ in range(most):
         if now <= rtol:
             return z + correction, now
-        R = residual(z + correction)
+        ahead = moved(z, correction)
+        R = residual(ahead)
         if R is None:
             break
         following = -solve(R)
         then = size(following)
         if then > 0.25 * now:
             break
-        z, correction, now = z + correction, following, then
+        z, correction, now = ahead, following, then
     return z, np.inf

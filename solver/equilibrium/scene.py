@@ -20,6 +20,7 @@ import numpy as np
 from solver.equilibrium import checks
 from solver.equilibrium.linear import Factor
 from solver.equilibrium.pattern import Frame
+from solver.equilibrium.sections import Sections
 from solver.mesh.body import Body, NodeGraph
 from solver.mesh.given import number, one_of
 from solver.physics.fields import Unphysical
@@ -116,13 +117,16 @@ class Scene:
         scales: Scales | None = None,
         linear: str = "auto",
         frame: Frame | None = None,
+        sections: Sections | None = None,
     ):
         """``frame``: instead of ``fixed``, ``tied``, ``rows`` and ``linear``, another scene's.
+        ``sections`` of a slender body, which turn in a step instead of moving straight on; they
+        know of no rows.
 
         Raises ValueError for terms of another body or none with stiffness, and for supports and
         rows that contradict or repeat each other or leave nothing free.
         """
-        self.body = body
+        self.body, self.sections = body, sections
         self.terms = _checked(terms, body)
         if not any(term.graph is not None for term in self.terms):
             raise ValueError("no term has a stiffness; add an Elastic term to the scene")
@@ -152,7 +156,7 @@ class Scene:
         new = [t.graph for t in terms if t.graph is not None and id(t.graph) not in known]
         if any(NodeGraph.union([self.graph, g]).blocks > self.graph.blocks for g in new):
             raise ValueError("a term couples nodes that share no block here; build the scene anew")
-        return Scene(self.body, terms, scales=self.scales, frame=self.frame)
+        return Scene(self.body, terms, scales=self.scales, frame=self.frame, sections=self.sections)
 
     # -- what is held ----------------------------------------------------------------------------
 
@@ -182,6 +186,23 @@ class Scene:
         local = self._held.collect(self._held.to_local(force).ravel())
         out[: self.n_free] = local[self._held.index]
         return out
+
+    def moved(self, x: np.ndarray, dx: np.ndarray, e: float) -> np.ndarray:
+        """The unknowns that a step dx from x leads to: x + dx, or where sections turn the end of a
+        motion that sets out that way."""
+        if self.sections is None:
+            return x + dx
+        u, du = self.displacement(x, e), self.step_displacement(dx)
+        u += self.sections.moved(self.body.nodes + u, du)
+        return self.unknowns(u, x[self.n_free :] + dx[self.n_free :])
+
+    def way(self, x: np.ndarray, y: np.ndarray, e: float) -> np.ndarray:
+        """The step that leads from the unknowns x to y, see :meth:`moved`."""
+        dx = y - x
+        if self.sections is not None:
+            X, Y = (self.body.nodes + self.displacement(z, e) for z in (x, y))
+            dx[: self.n_free] = self.unknowns(self.sections.step(X, Y))[: self.n_free]
+        return dx
 
     def refuse_free_motion(self, x: np.ndarray, e: float) -> None:
         """Raises ValueError if nodes have no stiffness at (x, e), or the body or a part of it can

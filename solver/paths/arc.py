@@ -132,6 +132,9 @@ class _Extended:
             np.hypot(np.linalg.norm(dz[:n]) / length / np.sqrt(n), dz[-1] / self._load_size)
         )
 
+    def moved(self, z, dz):
+        return z + dz
+
     def longest_step(self, z, dz):
         return self.scene.longest_step(z[:-1], dz[:-1], float(z[-1]))
 

@@ -156,8 +156,9 @@ class LoadSteps:
         n, slack = scene.n_free, 1e-3 * scene.scales.length
         return largest(odd[:n]) <= self.jump * largest(line[:n]) + slack
 
-    def _solve(self, scene, point, e, field) -> NewtonResult:
-        options = [point.x]
+    def guess(self, scene: Scene, point: Point, e: float) -> np.ndarray:
+        """Where the path is expected at the load ``e``, shortened where a barrier bars the way."""
+        options = [np.zeros_like(point.x)]
         if self.order > 0 and abs(point.tangent[-1]) > 0:
             # Pieces of the past that the load has left behind in the other direction don't help.
             nodes = [
@@ -167,12 +168,16 @@ class LoadSteps:
             ]
             nodes = nodes[: (self.order + 2) // 2 if self.order > 1 else 1]
             nodes = [p for i, p in enumerate(nodes) if all(p[0] != q[0] for q in nodes[:i])]
-            options = extrapolate(nodes, e)[: self.order]
-        guess = options[0]
+            options = extrapolate(_as_steps(scene, nodes), e)[: self.order]
+        step = options[0]
         if len(options) > 1:
-            guess = min(options, key=lambda x: _misfit(scene, x, e))
+            step = min(options, key=lambda dx: _misfit(scene, scene.moved(point.x, dx, e), e))
         # An extrapolation may end beyond a barrier.
-        guess = point.x + scene.longest_step(point.x, guess - point.x, e) * (guess - point.x)
+        admitted = scene.longest_step(point.x, step, e)
+        return scene.moved(point.x, admitted * step, e)
+
+    def _solve(self, scene, point, e, field) -> NewtonResult:
+        guess = self.guess(scene, point, e)
         start = guess
         if field is not None:
             scale = largest(guess[: scene.n_free])
@@ -345,6 +350,19 @@ def heading(point: Point, target: float | None) -> float:
 def turned(point: Point) -> Point:
     """The same point, set to walk its path the other way."""
     return replace(point, tangent=-point.tangent, history=())
+
+
+def _as_steps(scene: Scene, nodes: list) -> list:
+    """Values and slopes (e, x, dx/de), the newest first, as steps from its x."""
+    (e, start, rate), *past = nodes
+    found = [(e, np.zeros_like(start), rate)]
+    for e, x, rate in past:
+        there = scene.way(start, x, e)
+        if scene.sections is not None:
+            small = 1e-6 * scene.scales.length / max(largest(rate[: scene.n_free]), 1e-300)
+            rate = (scene.way(start, x + small * rate, e) - there) / small
+        found.append((e, there, rate))
+    return found
 
 
 def _misfit(scene: Scene, x: np.ndarray, e: float) -> float:

@@ -26,6 +26,7 @@ from solver.cases.unit.curves import Curves
 from solver.cases.unit.unit import GROWTHS, Unit
 from solver.equilibrium.clock import Deadline, Timed
 from solver.equilibrium.scene import Scene
+from solver.equilibrium.sections import Sections
 from solver.mesh.body import Body
 from solver.physics.elastic import Elastic
 from solver.physics.ground import Ground, GroundExponential
@@ -105,7 +106,9 @@ class Model:
         if min(seen, default=1.0) > 0.7:
             return self
         held = _held(self.body, self.supports, self.heavy, u)
-        scene = Scene(self.body, self.terms, scales=self.scene.scales, **held)
+        scene = Scene(
+            self.body, self.terms, scales=self.scene.scales, sections=self.scene.sections, **held
+        )
         return replace(self, scene=scene)
 
     def widened(self, mirrors: Sequence[str], x: np.ndarray, e: float) -> tuple[Model, np.ndarray]:
@@ -171,7 +174,10 @@ def build(
     if watch.clock is not None:
         terms = [Timed(t, watch.clock) for t in terms]
     u = np.zeros_like(body.nodes) if about is None else about(body)
-    scene = Scene(body, terms, **_held(body, supports, physics.heavy, u))
+    sections = None
+    if meshing.structured and len(supports.mirrors) == 2:
+        sections = Sections.across(body.nodes, grounded=physics.heavy)
+    scene = Scene(body, terms, sections=sections, **_held(body, supports, physics.heavy, u))
     if watch.deadline is not None:
         # Scales are an evaluation too, and a model must come of it however late it is.
         terms.append(Deadline(watch.deadline))

@@ -29,6 +29,7 @@ from solver.paths.steppers import ArcLength, LoadSteps
 from solver.physics.ground import Ground
 
 LONGEST = 0.2  # step of e, however little Timoshenko expects the hinge to turn
+EASY = 2.0  # usual steps that one may grow to where Newton's method has an easy time
 PATIENCE = 2  # steps on in an unstable symmetry from which the fall out of it is tried again
 SWAY = 0.05  # root mean square of |Δu| in l_s that an arc-length step may move the unit by
 
@@ -271,7 +272,7 @@ class _Walk:
         step = min(LONGEST, turn / max(angle, 1e-9))
         self.steps = LoadSteps(
             rtol=rtol, step=step, first=0.5, cut=4.0, growth=1.5, max_iterations=12,
-            largest=max(1.0, LONGEST / step),
+            largest=max(1.0, min(EASY, LONGEST / step)),
         )  # fmt: skip
         self.stepper = StableSteps(self.steps, locate=False)
         if noise is not None:

@@ -1,0 +1,104 @@
+"""Steps that turn sections: what they do to positions, and what that spares Newton's method."""
+
+import numpy as np
+import pytest
+
+from solver.cases.unit.choices import Meshing, Physics, Supports
+from solver.cases.unit.model import build
+from solver.cases.unit.unit import Unit
+from solver.equilibrium.newton import newton
+from solver.equilibrium.scene import Scene
+from solver.equilibrium.sections import Sections
+from solver.paths.steppers import LoadSteps
+
+UNIT = Unit(
+    E_ratio=0.1, h_ratio=5, slenderness=4e-3, hinge_length=0.25, hinge_width=0.8, aspect=0.2,
+    stiffness_to_weight=5, rho_ratio=1, contraction=0.3,
+)  # fmt: skip
+
+
+def weightless(level=0):
+    return build(UNIT, Meshing(level), Physics(()))
+
+
+def bent(X, turn=1.0):
+    """A step that turns the ends of |y| ≤ ½ by 2.2 rad, with shear, warping and stretch."""
+    x, y, z = X.T
+    along = -4.5 * turn * y * z + 0.2 * y**2 + y * z**2
+    return np.stack([0.1 * x * y, along, 2.2 * turn * y**2 + x * z + z * y], axis=1)
+
+
+@pytest.mark.parametrize("grounded", [False, True])
+def test_the_step_to_a_state_leads_there(grounded):
+    X = build(UNIT, Meshing(0), supports=Supports(())).body.nodes
+    sections = Sections.across(X, grounded=grounded)
+    du = bent(X)
+    moved = sections.moved(X, du)
+    assert np.abs(moved - du).max() > 0.2
+    assert sections.step(X, X + moved) == pytest.approx(du, abs=1e-13)
+    # From a bent state as well, and where ends turn by more than π.
+    further = sections.moved(X + moved, 0.8 * du)
+    assert sections.step(X + moved, X + moved + further) == pytest.approx(0.8 * du, abs=1e-13)
+    du = bent(X, turn=2.0)
+    assert sections.step(X, X + sections.moved(X, du)) == pytest.approx(du, abs=1e-13)
+
+
+def test_a_step_sets_out_straight():
+    X = build(UNIT, Meshing(0), supports=Supports(())).body.nodes
+    sections, du = Sections.across(X, grounded=False), bent(X)
+    off = [np.abs(sections.moved(X, h * du) - h * du).max() for h in (1e-2, 1e-3)]
+    assert off[0] / off[1] == pytest.approx(100, rel=0.02)
+
+
+def test_a_rigid_turn_stays_rigid_and_stands_where_it_stood():
+    X = build(UNIT, Meshing(0), supports=Supports(())).body.nodes
+    angle = 2.0
+    Y = X + Sections.across(X, grounded=False).moved(X, np.cross([angle, 0, 0], X))
+    c, s = np.cos(angle), np.sin(angle)
+    R = np.array([[1, 0, 0], [0, c, -s], [0, s, c]])
+    assert Y - Y.mean(axis=0) == pytest.approx((X - X.mean(axis=0)) @ R.T, abs=1e-14)
+    # The lowest section keeps the height that the step gives it.
+    tilted = X + np.stack([0 * X[:, 0], 0 * X[:, 0], 0.1 * X[:, 1]], axis=1)
+    step = np.cross([angle, 0, 0], tilted)
+    ends = X[:, 1] < -0.5 + 1e-9
+    moved = Sections.across(X, grounded=True).moved(tilted, step)
+    assert moved[ends, 2].mean() == pytest.approx(step[ends, 2].mean(), abs=1e-14)
+
+
+def test_mirror_planes_hold_what_they_held():
+    model = weightless()
+    scene, nodes = model.scene, model.body.nodes
+    dx = scene.unknowns(bent(nodes))
+    x = scene.moved(np.zeros(scene.size), dx, 0.0)
+    free = scene.sections.moved(nodes, scene.step_displacement(dx))
+    assert scene.displacement(x, 0.0) == pytest.approx(free, abs=1e-14)
+    assert scene.way(np.zeros(scene.size), x, 0.0) == pytest.approx(dx, abs=1e-13)
+
+
+def test_a_thin_sheet_bends_in_a_few_iterations():
+    # Straight steps take 41 for this, and 70 for twice the load.
+    scene = weightless().scene
+    straight = Scene(scene.body, scene.terms, scales=scene.scales, frame=scene.frame)
+    start = np.zeros(scene.size)
+    found = newton(scene, start, 0.1, rtol=1e-8, unstable=0)
+    assert found.converged and found.iterations <= 8
+    same = newton(straight, start, 0.1, rtol=1e-8, max_iterations=100, unstable=0)
+    assert same.iterations > 4 * found.iterations
+    assert found.x == pytest.approx(same.x, abs=1e-8)
+    assert newton(scene, start, 0.2, rtol=1e-8, unstable=0).iterations <= 8
+
+
+def test_predictions_follow_the_turning():
+    # A hinge that bends evenly, in the coordinates of turns, is a straight line in the load.
+    scene = weightless().scene
+    guesses = {}
+    for name in ("turning", "straight"):
+        used = scene
+        if name == "straight":
+            used = Scene(scene.body, scene.terms, scales=scene.scales, frame=scene.frame)
+        stepper = LoadSteps(rtol=1e-9, step=0.1, first=1.0, order=3)
+        point = stepper.begin(scene, np.zeros(scene.size), 0.0, 1.0)
+        for _ in range(2):
+            point = stepper.advance(scene, point, None)
+        guesses[name] = np.abs(used.residual(stepper.guess(used, point, 0.4), 0.4)).max()
+    assert guesses["turning"] < 0.1 * guesses["straight"]
