@@ -4,6 +4,8 @@ The scenes are bars and plain functions (path_toys), so that what is tested is t
 and not the elements; the last test takes a real strip that folds itself.
 """
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import skfem
@@ -20,6 +22,7 @@ from solver.equilibrium.scene import Scene, System
 from solver.mesh.body import Body
 from solver.paths.arc import between
 from solver.paths.continuation import follow, load, trace
+from solver.paths.point import Metric
 from solver.paths.stable import StableSteps
 from solver.paths.steppers import ArcLength, LoadSteps, turned
 from solver.physics.elastic import Elastic
@@ -228,6 +231,24 @@ def test_a_jump_between_paths_is_seen_and_nothing_is_located_in_it():
     assert -before.x[0] < 0.05
     assert -after.x[0] > 0.2
     assert between(scene, before, after, 0.5, rtol=1e-10) is None
+
+
+@pytest.mark.parametrize("height, follows", [(0.2, True), (4.0, False)])
+def test_a_point_between_two_lies_near_the_way_between_them(height, follows):
+    # q = height · sin²(πe) is level at e = 0 and 1, and nothing there tells of the hill between.
+    scene = function_scene(
+        1,
+        lambda q, e: (q[0] - height * np.sin(np.pi * e) ** 2) ** 2 / 2,
+        lambda q, e: q - height * np.sin(np.pi * e) ** 2,
+        lambda q, e: np.array([[1.0]]),
+    )
+    path = trace(scene, rest(scene), LoadSteps(1e-10, 1.0, first=1.0, jump=np.inf), max_steps=3)
+    assert path.last.x[0] == pytest.approx(0, abs=1e-12)
+    before, after = (replace(p, metric=Metric(1.0, 1.0, 1, 1.0)) for p in path.points)
+    made = between(scene, before, after, 0.5, rtol=1e-10)
+    assert (made is not None) is follows
+    if follows:
+        assert made[0].x[0] == pytest.approx(height)
 
 
 def test_growth_of_the_step_and_algorithm_3():

@@ -127,21 +127,6 @@ def test_the_bottom_of_a_narrow_bent_valley_is_found_downhill(start, reach):
         assert np.sign(found.x[0]) == np.sign(start[0])
 
 
-def test_a_fall_ends_in_the_next_valley_and_not_in_some_valley():
-    # Beside an inflection of 1 − cos q the step of Newton's method leads over hills into another
-    # valley, where the energy is lower too.
-    scene = function_scene(
-        1,
-        lambda q, e: 1 - np.cos(q[0]),
-        lambda q, e: np.sin(q),
-        lambda q, e: np.array([[np.cos(q[0])]]),
-    )
-    start = np.array([1.49])
-    assert abs(start[0] - np.tan(start[0])) > 3 * np.pi
-    found = descend(scene, start, 0.0, rtol=1e-10, reach=0.1)
-    assert found.converged and found.x[0] == pytest.approx(0, abs=1e-8)
-
-
 def test_the_energy_never_rises_on_the_way_down():
     scene, seen = valley(), []
     start = np.array([0.2, -4.8])

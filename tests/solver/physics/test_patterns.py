@@ -41,17 +41,6 @@ def test_tables_of_other_programs_are_read(text, suffix, tmp_path):
     np.testing.assert_array_equal(read_pattern(path)(AT), Pattern(X, BETA)(AT))
 
 
-def test_values_at_one_place_count_with_their_mean():
-    """As where each cell of a file has nodes of its own."""
-    twice, apart = np.vstack([X, X[::2]]), np.linspace(-1, 1, len(X[::2]))
-    beta = BETA.copy()
-    beta[::2] += apart
-    other = BETA[::2] - apart
-    pattern = Pattern(twice, np.concatenate([beta, other]))
-    np.testing.assert_allclose(pattern(X), BETA, atol=1e-12)
-    np.testing.assert_allclose(pattern(AT), Pattern(X, BETA)(AT), atol=1e-12)
-
-
 @pytest.mark.parametrize(
     ("text", "cause"),
     [
