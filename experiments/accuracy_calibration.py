@@ -79,7 +79,7 @@ def run(config: Config, tracker) -> dict[str, Any]:
 def drawn(config: Config) -> pd.DataFrame:
     """Designs near the threshold and at random, in turn."""
     half = config.designs // 2
-    pool = SHEETS.sample(max(60 * half, 100), seed=4242 + config.seed)
+    pool = SHEETS.sample(max(60 * half, 100), seed=4243 + config.seed)
     angles = [label.evidence.get("m1", np.nan) for label in RodSource().label_many(pool)]
     off = np.abs(np.array(angles) / Thresholds().angle(pool["contraction"]) - 1)
     near = pool[off < config.near].head(half)
