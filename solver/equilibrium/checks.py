@@ -10,6 +10,7 @@ import scipy.sparse as sp
 from scipy.sparse.csgraph import connected_components
 
 from solver.mesh.given import numbers
+from solver.physics.fields import Unphysical
 from solver.physics.supports import Row
 
 
@@ -69,22 +70,46 @@ def refuse_free_motion(scene, x: np.ndarray, e: float) -> None:
 
     A term with a barrier (``longest_step``) may hold the body later, so scenes with one may move.
     """
+    barrier = any(hasattr(term, "longest_step") for term in scene.terms)
+    sentence = loose(scene, x, e, parts=not barrier)
+    if sentence:
+        raise ValueError(sentence)
+
+
+def inadmissible(scene, x: np.ndarray, e: float) -> str:
+    """Which term doesn't admit the state, and why; empty where all of them do."""
+    u = scene.displacement(x, e)
+    for term in scene.terms:
+        try:
+            if term.evaluate(u, e, 0).energy != np.inf:
+                continue
+        except Unphysical as error:
+            return str(error)
+        barrier = hasattr(term, "longest_step")
+        what = "a point lies beyond the barrier" if barrier else "an element is turned inside out"
+        return f"{what} of the term {term.name!r}"
+    return ""
+
+
+def loose(scene, x: np.ndarray, e: float, *, parts: bool = True) -> str:
+    """What nothing holds at (x, e), in words: nodes without stiffness, and with ``parts`` rigid
+    motions of the body or a part of it without resistance; empty if there is none."""
     body = scene.body
     u = scene.displacement(x, e)
     stiffness = scene.evaluate(u, e, 2).stiffness
     if stiffness is None:
-        return
+        return ""
     graph, held = scene.graph, scene.frame.held
     a = np.repeat(np.arange(graph.n), np.diff(graph.indptr))
     diagonal = np.abs(stiffness[a == graph.indices]).max(axis=(1, 2))
     empty = np.flatnonzero((diagonal == 0) & held.free.reshape(-1, 3).any(axis=1))
     if len(empty):
-        raise ValueError(
+        return (
             f"{len(empty)} nodes have no stiffness, the first at {_place(body.nodes[empty[0]])}: "
             "cells without material; give each cell an Elastic or Viscous term"
         )
-    if any(hasattr(term, "longest_step") for term in scene.terms):
-        return
+    if not parts:
+        return ""
     pairs = (np.ones(graph.blocks, bool), graph.indices, graph.indptr)
     n, part = connected_components(sp.csr_array(pairs, shape=(graph.n, graph.n)))
     modes = np.concatenate([_rigid(body.nodes + u, part == k) for k in range(n)])
@@ -98,22 +123,22 @@ def refuse_free_motion(scene, x: np.ndarray, e: float) -> None:
         _, sizes, rest = np.linalg.svd(np.linalg.qr(against, mode="r"), full_matrices=True)
         free = rest[np.sum(sizes > 1e-9 * max(sizes.max(), 1e-300)) :].T
     if not free.size:
-        return
+        return ""
     motions = np.stack([held.to_global((M @ k).reshape(-1, 3)) for k in free.T])
     pull = np.einsum("bij,kbj->kbi", stiffness, motions[:, graph.indices])
     work = np.einsum("kbi,lbi->kl", pull, motions[:, a])
     size = diagonal.max() * (motions**2).sum((1, 2)).max()
     values, vectors = np.linalg.eigh((work + work.T) / 2)
-    loose = np.abs(values) < 1e-10 * size
-    if not loose.any():
-        return
+    idle = np.abs(values) < 1e-10 * size
+    if not idle.any():
+        return ""
     where = ""
     if n > 1:
-        motion = ((free @ vectors[:, loose]) ** 2).reshape(n, 6, -1).sum(axis=(1, 2))
+        motion = ((free @ vectors[:, idle]) ** 2).reshape(n, 6, -1).sum(axis=(1, 2))
         inner = body.nodes[part == motion.argmax()].mean(axis=0)
         where = f", of the part around {_place(inner)} at least one"
-    raise ValueError(
-        f"{loose.sum()} of the body's rigid motions meet no resistance{where}; hold them by "
+    return (
+        f"{idle.sum()} of the body's rigid motions meet no resistance{where}; hold them by "
         "Fixed, or by translation_row and rotation_row"
     )
 

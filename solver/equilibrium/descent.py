@@ -24,6 +24,7 @@ from solver.equilibrium.newton import (
     downhill,
     largest,
     newton,
+    roundoff,
 )
 from solver.equilibrium.scene import Scene, System
 
@@ -73,7 +74,7 @@ def descend(
     ``rtol``: as in :func:`solver.equilibrium.newton.newton`. ``reach``: longest step, max|Δu| /
     length, so that it ends in the next valley and not in some valley. At a saddle it leaves along
     the lowest mode, to the side where the energy is lower. Outcomes: CONVERGED (no unstable modes),
-    NO_STABLE_STATE, NO_PROGRESS, STAGNATED, INADMISSIBLE, SINGULAR.
+    NO_STABLE_STATE, NO_PROGRESS, STAGNATED, INADMISSIBLE, SINGULAR, ILL_CONDITIONED.
 
     Raises ValueError for a scene without energy or whose linear solver can't count negative pivots,
     a tolerance ≤ 0 or a guess of the wrong shape.
@@ -120,6 +121,8 @@ def descend(
         longest = scene.longest_step(here, dx, e)
         if correction <= rtol and (shift > 0 or longest >= 1.0):
             if shift == 0:
+                if roundoff(system.left_over, factor.solve, dx, size):
+                    return result(Outcome.ILL_CONDITIONED)
                 return result(Outcome.CONVERGED, here + dx)
             if system.unstable == 0:
                 shift = 0.0
@@ -132,6 +135,8 @@ def descend(
         share = min(longest, reach / correction, 1.0)
         step = downhill(scene, system, here, e, dx, share)
         if not isinstance(step, Step):
+            if shift == 0 and roundoff(system.left_over, factor.solve, dx, size):
+                return result(Outcome.ILL_CONDITIONED)
             if shift == 0 and correction <= 1e3 * rtol:
                 return result(Outcome.STAGNATED)
             break
@@ -143,12 +148,26 @@ def descend(
             here = step.z
             # A full step says that the shifted model is good: lean on it less.
             shift *= 0.25 if step.fraction >= 1 else 1.0
-    if iterations >= max_iterations:
-        return result(Outcome.NO_STABLE_STATE)
     try:
-        return _flow(scene, here, e, rtol, reach, max_iterations, iterations, shift)
+        if iterations >= max_iterations:
+            return _doubted(scene, result(Outcome.NO_STABLE_STATE))
+        return _doubted(
+            scene, _flow(scene, here, e, rtol, reach, max_iterations, iterations, shift)
+        )
     except SingularMatrix:
         return result(Outcome.SINGULAR)
+
+
+def _doubted(scene: Scene, result: NewtonResult) -> NewtonResult:
+    """The result; where nothing came of it, and solves there are roundoff, with that outcome."""
+    system = None if result.converged else scene.system(result.x, result.e)
+    if system is None:
+        return result
+    push = np.random.default_rng(0).standard_normal(scene.size)
+    push[scene.n_free :] = 0.0
+    probe, solve = System(scene, push, system.values), system.factorise().solve
+    blind = roundoff(probe.left_over, solve, -solve(push), lambda dx: largest(dx[: scene.n_free]))
+    return replace(result, outcome=Outcome.ILL_CONDITIONED) if blind else result
 
 
 class _Drag:

@@ -38,9 +38,14 @@ class Outcome(Enum):
     STAGNATED = (
         "the corrections stopped shrinking above the tolerance: roundoff; ask for a looser rtol"
     )
+    ILL_CONDITIONED = (
+        "the stiffness is singular, or too ill-conditioned for floating-point numbers (a body far "
+        "too thin, or far too unlike in its stiffness): what the linear solve gave is roundoff"
+    )
     NO_PROGRESS = "no step along the correction, however short, came nearer to equilibrium"
     NO_STABLE_STATE = "the energy fell without coming to rest in a stable equilibrium"
     NO_START = "there is no equilibrium near the start at its load; the path has no points"
+    NO_EQUILIBRIUM = "the start, at its target, is no equilibrium of the scene; give x as a guess"
     MIN_STEP = "the step fell below its minimum; the path stops at the last converged point"
     MAX_STEPS = "the steps allowed were used up; the path stops at the last converged point"
     OUT_OF_BOUNDS = "the load left its bounds; the path stops at the last point within them"
@@ -108,11 +113,13 @@ def newton(
 
 
 class Linear(NamedTuple):
-    """F(z) and the system of its stiffness; ``solver`` gives A⁻¹ or raises SingularMatrix."""
+    """F(z) and the system of its stiffness; ``solver`` gives A⁻¹ or raises SingularMatrix;
+    ``left_over`` of a dz: see :meth:`solver.equilibrium.scene.System.left_over`."""
 
     residual: np.ndarray
     system: System
     solver: Callable[[], Callable[[np.ndarray], np.ndarray]]
+    left_over: Callable[[np.ndarray], tuple[np.ndarray, float]]
 
 
 class Equations(Protocol):
@@ -148,9 +155,11 @@ def iterate(
 ) -> NewtonResult:
     """Damped Newton's method with chords from the guess z; see :func:`newton` for the options."""
     watch, correction, ratio = Stagnation(rtol), np.inf, np.inf
-    system = None
+    system = dz = None
 
-    def ended(outcome, iterations, z):
+    def ended(outcome, iterations, z, solved=None):
+        if solved is not None and roundoff(linear.left_over, solve, solved, equations.size):
+            outcome = Outcome.ILL_CONDITIONED
         x, e = equations.state(z)
         return NewtonResult(x, e, outcome, iterations, correction, ratio, system)
 
@@ -173,19 +182,19 @@ def iterate(
         longest = equations.longest_step(z, dz)
         # A barrier may be thinner than the tolerance: what oversteps it is no solution.
         if correction <= rtol and longest >= 1.0:
-            return ended(Outcome.CONVERGED, k, z + dz)
+            return ended(Outcome.CONVERGED, k, z + dz, dz)
         if watch.stuck(correction):
-            return ended(Outcome.STAGNATED, k, z)
+            return ended(Outcome.STAGNATED, k, z, dz)
         step = equations.step(system, solve, z, dz, longest)
         if isinstance(step, Outcome):
-            return ended(step, k, z)
+            return ended(step, k, z, dz)
         z, last = chords(
             equations.residual, solve, step, equations.size, rtol, moved=equations.moved
         )
         if last <= rtol and not fresh:
             correction = last
-            return ended(Outcome.CONVERGED, k, z)
-    return ended(Outcome.NOT_CONVERGED, max_iterations, z)
+            return ended(Outcome.CONVERGED, k, z, dz)
+    return ended(Outcome.NOT_CONVERGED, max_iterations, z, dz)
 
 
 class _AtLoad:
@@ -201,7 +210,7 @@ class _AtLoad:
         system = self.scene.system(z, self._e)
         if system is None:
             return None
-        return Linear(system.residual, system, lambda: system.factorise().solve)
+        return Linear(system.residual, system, lambda: system.factorise().solve, system.left_over)
 
     def residual(self, z):
         return self.scene.residual(z, self._e)
@@ -235,6 +244,14 @@ class _AtLoad:
         if step is None:
             step = damped(self.residual, solve, z, dz, self.norm, longest, moved=self.moved)
         return step
+
+
+def roundoff(left_over: Callable, solve: Callable, dz: np.ndarray, size: Callable) -> bool:
+    """Whether a solve gave roundoff: it leaves half of what it had to balance, and refining it once
+    changes it. The first alone happens to a sound one where work cancels, as in unstable states.
+    """
+    over, doubt = left_over(dz)
+    return doubt > 0.5 and not size(solve(over)) <= 0.1 * size(dz)
 
 
 def checked(scene: Scene, x: np.ndarray, rtol: float) -> np.ndarray:

@@ -181,6 +181,21 @@ def _entries(
     return indptr, indices[:at].copy(), index[:at].copy(), diagonal
 
 
+@numba.njit(cache=True)
+def _product(indptr, indices, values, x, symmetric):
+    """The matrix times x; of a symmetric one the upper triangle is stored."""
+    out = np.zeros(len(x))
+    for i in range(len(x)):
+        total = 0.0
+        for k in range(indptr[i], indptr[i + 1]):
+            j = indices[k]
+            total += values[k] * x[j]
+            if symmetric and j != i:
+                out[j] += values[k] * x[i]
+        out[i] += total
+    return out
+
+
 class Frame:
     """What scenes on one body share that differ in their terms: supports, pattern and solver.
 
@@ -242,6 +257,10 @@ class Frame:
         if not self.rows:
             return self.solver.factorise(values)
         return ScaledFactor(self.solver.factorise(self._scaled(values)), self._row_scale)
+
+    def times(self, values: np.ndarray, x: np.ndarray) -> np.ndarray:
+        """The product of the matrix with these entries and x (size,)."""
+        return _product(self.pattern.indptr, self.pattern.indices, values, x, self.symmetric)
 
     def modes_of_symmetric_part(self, values: np.ndarray) -> int | None:
         """Unstable modes of an unsymmetric matrix, if its symmetric part decides; None if not.

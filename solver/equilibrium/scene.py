@@ -76,6 +76,27 @@ class System:
         negative = self.factorise().negative
         return None if negative is None else negative - self._scene.n_rows
 
+    def left_over(self, dx: np.ndarray, load: np.ndarray | float = 0.0) -> tuple[np.ndarray, float]:
+        """R + K dx + load (size,) after a solve for dx (size,), and how large it is against what
+        the solve had to balance: by its work, or by its size where that is more.
+
+        It grows like roundoff times the condition number, for the work weighs soft motions as they
+        count; at 1 the factorisation took K for another matrix and dx is nothing. ``load``:
+        ∂R/∂e de where the load moves too.
+        """
+        n = self._scene.n_free
+        over = self._scene.frame.times(self.values, dx) + self.residual + load
+        parts = [self.residual[:n], load[:n] if np.ndim(load) else np.zeros(n)]
+        if self._scene.n_rows:
+            parts.append(self._scene.frame.C_free.T @ dx[n:])
+        work = sum(abs(float(dx[:n] @ part)) for part in parts)
+        size = sum(float(np.linalg.norm(part)) for part in parts)
+        doubts = [
+            abs(float(dx[:n] @ over[:n])) / work if work > 0 else 0.0,
+            float(np.linalg.norm(over[:n])) / size if size > 0 else 0.0,
+        ]
+        return over, max(doubts)
+
     def shifted(self, shift: float) -> System:
         """The same state with ``shift`` added to the stiffness of every free component."""
         return self.plus(shift, 0.0, 0.0)
@@ -208,6 +229,11 @@ class Scene:
         """Raises ValueError if nodes have no stiffness at (x, e), or the body or a part of it can
         be moved rigidly without any resistance; see :mod:`solver.equilibrium.checks`."""
         checks.refuse_free_motion(self, x, e)
+
+    def obstacle(self, x: np.ndarray, e: float) -> str:
+        """What keeps an iteration from an equilibrium at (x, e), in words, where the state tells: a
+        term that doesn't admit it, nodes without stiffness, parts that move freely; else empty."""
+        return checks.inadmissible(self, x, e) or checks.loose(self, x, e)
 
     # -- the sum of the terms --------------------------------------------------------------------
 

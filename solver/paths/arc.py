@@ -112,10 +112,16 @@ class _Extended:
             return None
         rate = (ahead - system.residual) / h
         f = self._constraint
+
+        def left_over(dz):
+            over, work = system.left_over(dz[:-1], rate * dz[-1])
+            return np.append(over, 0.0), work
+
         return Linear(
             np.append(system.residual, f.value(z)),
             system,
             lambda: Bordered(system.factorise(), rate, f.row(z)).solve,
+            left_over,
         )
 
     def residual(self, z):

@@ -9,15 +9,16 @@ from __future__ import annotations
 
 from collections.abc import Callable, Generator
 from dataclasses import dataclass, replace
+from functools import partial
 from itertools import pairwise
 
 import numpy as np
 from scipy.optimize import brentq
 
-from solver.equilibrium.newton import Outcome, newton
+from solver.equilibrium.newton import Outcome, checked, newton
 from solver.equilibrium.scene import Scene
 from solver.paths.arc import NotFollowed, between, tangent
-from solver.paths.point import Ended, Point, Uncounted, Unlocated
+from solver.paths.point import Ended, Point, Uncounted, Unlocated, reason
 from solver.paths.stability import Event, locate
 from solver.paths.steppers import Stepper
 
@@ -42,8 +43,9 @@ def load(value: float) -> Load:
 class Path:
     """Accepted points, why the path ended, and what was located on the way.
 
-    ``warnings``: what makes the answer doubtful. :class:`solver.mesh.locking.Locking`: elements too
-    stiff for the material, or for the shape that the body begins or ends with;
+    ``detail``: what the last attempt to go on failed at, in words; empty where the outcome says it
+    all. ``warnings``: what makes the answer doubtful. :class:`solver.mesh.locking.Locking`:
+    elements too stiff for the material, or for the shape that the body begins or ends with;
     :class:`solver.paths.point.Uncounted`: points whose unstable modes are not known;
     :class:`solver.paths.point.Unlocated`: fold or branch points that were passed unseen.
     """
@@ -52,13 +54,19 @@ class Path:
     outcome: Outcome
     events: tuple[Event, ...]
     warnings: tuple[UserWarning, ...] = ()
+    detail: str = ""
 
     @property
     def last(self) -> Point:
         """The last accepted point; raises ValueError for a path without points."""
         if not self.points:
-            raise ValueError(f"the path has no points: {self.outcome.value}")
+            raise ValueError(f"the path has no points: {self.reason}")
         return self.points[-1]
+
+    @property
+    def reason(self) -> str:
+        """Why the path ended, in words: the outcome's sentence and the detail."""
+        return reason(self.outcome, self.detail)
 
     @property
     def reached(self) -> bool:
@@ -114,6 +122,7 @@ def _walk(
         raise ValueError(f"max_steps = {max_steps}; expected at least 1")
     target = until.value if isinstance(until, Load) else None
     if isinstance(start, Point):
+        checked(scene, start.x, stepper.rtol)
         point = stepper.resume(start, target)
     else:
         if np.shape(start) == (scene.size,):
@@ -125,17 +134,27 @@ def _walk(
         yield point
     gap = until(point)
     if gap == 0 and target is not None:
-        return Ended(Outcome.REACHED)
+        return (
+            _there(scene, point, stepper.rtol)
+            if isinstance(start, Point)
+            else Ended(Outcome.REACHED)
+        )
+    missed = ""
     for _ in range(max_steps):
         found = stepper.advance(scene, point, target)
         if isinstance(found, Ended):
-            return found
+            return (
+                replace(found, why=partial(str, missed)) if missed and not found.detail else found
+            )
         located = found.events
         if events and not located:
             located = locate(scene, point, found, rtol=stepper.rtol)
         end = _end(scene, point, found, located, until, gap, stepper.rtol)
         if isinstance(end, Outcome):
             # The target is bracketed but was not met: come nearer in smaller steps.
+            missed = (
+                f"the target, between e = {point.e:.6g} and {found.e:.6g}, was not met: {end.value}"
+            )
             point = replace(point, control=tuple(c / np.sqrt(10) for c in point.control))
             continue
         if end is not None:
@@ -145,9 +164,24 @@ def _walk(
         if not bounds[0] <= found.e <= bounds[1]:
             return Ended(Outcome.OUT_OF_BOUNDS)
         point = replace(found, events=located)
-        gap = until(point)
+        gap, missed = until(point), ""
         yield point
-    return Ended(Outcome.MAX_STEPS)
+    return Ended(Outcome.MAX_STEPS, why=partial(str, missed))
+
+
+def _there(scene: Scene, start: Point, rtol: float) -> Ended:
+    """The end of a path that starts on its target: whether the start is an equilibrium."""
+    result = newton(scene, start.x, start.e, rtol=10 * rtol, max_iterations=1)
+    if result.converged:
+        return Ended(Outcome.REACHED)
+
+    def why():
+        off = f"Newton's first correction is {result.correction:.2g} of the length, not {rtol:g}"
+        if result.outcome is not Outcome.NOT_CONVERGED:
+            off = scene.obstacle(start.x, start.e) or result.outcome.value
+        return f"at e = {start.e:.6g}: {off}"
+
+    return Ended(Outcome.NO_EQUILIBRIUM, why=why)
 
 
 def trace(
@@ -172,7 +206,7 @@ def trace(
             warnings = _warnings(scene, points)
             if options.get("events", True):
                 warnings += _unlocated(points)
-            return Path(tuple(points), stop.value.outcome, events, warnings)
+            return Path(tuple(points), stop.value.outcome, events, warnings, stop.value.detail)
 
 
 def _warnings(scene: Scene, points: list[Point]) -> tuple[UserWarning, ...]:

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -61,17 +63,28 @@ class Unlocated(UserWarning):
 class Ended:
     """Why a path has no next point, and what was located beyond its last one.
 
-    ``detail``: what the last attempt failed at, a sentence; empty where the outcome says it all.
+    ``why``: gives what the last attempt failed at, a sentence, or nothing where the outcome says it
+    all. It is asked only where a path ends, for a stepper may go on from what another met.
     """
 
     outcome: Outcome
     events: tuple = ()
-    detail: str = ""
+    why: Callable[[], str] = str
+
+    @cached_property
+    def detail(self) -> str:
+        """What the last attempt failed at; empty where the outcome says it all."""
+        return self.why()
 
     @property
     def reason(self) -> str:
         """The outcome's sentence and the detail."""
-        return f"{self.outcome.value}; {self.detail}" if self.detail else self.outcome.value
+        return reason(self.outcome, self.detail)
+
+
+def reason(outcome: Outcome, detail: str) -> str:
+    """An outcome's sentence, and what it was in this case."""
+    return f"{outcome.value}; {detail}" if detail else outcome.value
 
 
 @dataclass(frozen=True)

@@ -10,6 +10,7 @@ from solver.equilibrium.descent import descend
 from solver.equilibrium.newton import NewtonResult, Outcome, largest
 from solver.equilibrium.scene import Scene
 from solver.paths.point import Ended, Point
+from solver.paths.reasons import no_result
 from solver.paths.stability import Event, locate, switch
 from solver.paths.steppers import ArcLength, LoadSteps, heading
 
@@ -58,7 +59,7 @@ class StableSteps:
         """First point: the stable equilibrium down the energy from the guess."""
         fallen = descend(scene, x, e, rtol=self.rtol, reach=self.reach, max_iterations=self.most)
         if not fallen.converged:
-            return Ended(fallen.outcome)
+            return no_result(scene, fallen)
         point = self.steps.begin(scene, fallen.x, e, sign)
         if isinstance(point, Ended):
             return point
@@ -100,7 +101,7 @@ class StableSteps:
             if fallen.converged:
                 break
         else:
-            return Ended(fallen.outcome)
+            return no_result(scene, fallen)
         after = self.steps.point(scene, point, fallen, spent, self.steps.step / 8)
         if after is None:
             return Ended(Outcome.SINGULAR)
@@ -161,9 +162,9 @@ class StableSteps:
             spent += fallen.iterations
             if fallen.converged:
                 break
-            first = first or fallen.outcome
+            first = first or fallen
         else:
-            return Ended(first, located)
+            return replace(no_result(scene, first), events=located)
         # Beside a branch point the state moves like a root of the load: small steps at first.
         control = min(self.steps.step / 8, max(abs(on - e), self.steps.pace.least))
         after = self.steps.point(scene, point, fallen, spent, control)

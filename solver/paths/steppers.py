@@ -21,6 +21,7 @@ from solver.paths.arc import Ellipsoid, correct, extrapolate, tangent
 from solver.paths.noise import Noise
 from solver.paths.pace import ArcPace, LoadPace, positive, towards
 from solver.paths.point import Ended, Metric, Point, displacement_size
+from solver.paths.reasons import JUMPED, NO_TANGENT, no_result, no_step
 
 
 class Stepper(Protocol):
@@ -99,7 +100,7 @@ class LoadSteps:
         noisy, field = scene, None
         if self.noise is not None:
             noisy, field = self.noise.draw(scene, point)
-        spent = 0
+        spent, result, met = 0, None, ""
         while step >= pace.least:
             de = towards(step, remaining)
             e = target if de == remaining else point.e + sign * de
@@ -109,8 +110,9 @@ class LoadSteps:
                 after = self.point(noisy, point, result, spent, step)
                 if after is not None and (field is not None or self.explains(scene, point, after)):
                     return after
+                met = NO_TANGENT if after is None else JUMPED
             step = de / self.cut
-        return Ended(Outcome.MIN_STEP)
+        return no_step(scene, result, met)
 
     def resume(self, point: Point, target: float | None) -> Point:
         """The point, set to walk towards the target."""
@@ -252,7 +254,7 @@ class ArcLength:
         """The next point; it may pass the target."""
         pace = self.pace
         a, b = pace.now(point.control)
-        noisy, field, spent = scene, None, 0
+        noisy, field, spent, result = scene, None, 0, None
         if self.noise is not None:
             noisy, field = self.noise.draw(scene, point)
         while pace.allows(a, b):
@@ -280,7 +282,7 @@ class ArcLength:
                 if after is not None:
                     return after
             a, b = pace.shorter(a, b)
-        return Ended(Outcome.MIN_STEP)
+        return no_step(scene, result, JUMPED)
 
     def resume(self, point: Point, target: float | None) -> Point:
         """The point: the arc keeps its direction; see :func:`turned`."""
@@ -382,7 +384,7 @@ def _start(scene: Scene, x: np.ndarray, e: float, rtol: float) -> NewtonResult:
 def _first(scene: Scene, x, e, rtol, along, metric, control) -> Point | Ended:
     result = _start(scene, x, e, rtol)
     if not result.converged:
-        return Ended(Outcome.NO_START)
+        return no_result(scene, result, Outcome.NO_START)
     factor: Factor = result.system.factorise()
     way = tangent(scene, result.x, result.e, factor, along, metric)
     if way is None:

@@ -28,6 +28,9 @@ class ToyScene(Scene):
     def refuse_free_motion(self, x, e):
         pass
 
+    def obstacle(self, x, e):
+        return ""
+
 
 class Bars:
     """Bars of engineering strain: energy Σ EA L/2 (l/L − 1)²."""

@@ -224,7 +224,7 @@ def run(
         stage, last, stepper, max_steps=6 * steps, events=events and over == "arc", bounds=bounds
     )
     points, events = (*path.points, *more.points[1:]), (*path.events, *more.events)
-    return Path(points, more.outcome, events, more.warnings)
+    return Path(points, more.outcome, events, more.warnings, more.detail)
 
 
 def to_limit(stage: Scene, path: Path, *, step: float, rtol: float = 1e-7) -> Path:

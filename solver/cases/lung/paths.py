@@ -34,7 +34,7 @@ class Paths:
                 if not done.reached:
                     raise ValueError(
                         f"the pressure {before.pressure:g} is not reached: the path ends at "
-                        f"{before.pressure * done.last.e:.4g} ({done.outcome.value}); take less"
+                        f"{before.pressure * done.last.e:.4g} ({done.reason}); take less"
                     )
                 x = done.last.x
             made = scene(self.body, self.lung, tissue, before, states[-1])
@@ -52,7 +52,8 @@ class Paths:
     def beyond(self, stage: Scene, path: Path) -> Path:
         """A path of load steps, and on to the limit point ahead; not reached if there is none."""
         ahead = to_limit(stage, path, step=0.3 / self.steps)
-        return Path((*path.points, *ahead.points[1:]), ahead.outcome, (), ahead.warnings)
+        points = (*path.points, *ahead.points[1:])
+        return Path(points, ahead.outcome, (), ahead.warnings, ahead.detail)
 
     def at(self, stage: Scene, point) -> Measures:
         """Measures of a point of any path of this lung."""
