@@ -336,7 +336,10 @@ def test_the_time_that_remains_falls_to_nothing(path, capsys, monkeypatch):
 
 def start(path, how, count=600, seconds=0.01):
     command = [sys.executable, str(SCRIPT), str(path), str(count), str(seconds), how]
+    # Where these tests run in a shell's background SIGINT is ignored, and children inherit that.
+    heard = signal.signal(signal.SIGINT, signal.default_int_handler)
     process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
+    signal.signal(signal.SIGINT, heard)
     assert process.stdout.readline() == "begun\n"
     return process
 
