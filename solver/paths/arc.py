@@ -18,7 +18,7 @@ import numpy as np
 
 from solver.equilibrium.linear import Factor, SingularMatrix
 from solver.equilibrium.newton import Linear, NewtonResult, damped, iterate, largest
-from solver.equilibrium.scene import Scene
+from solver.equilibrium.scene import Scene, System
 from solver.paths.point import Metric, Point
 
 
@@ -85,28 +85,37 @@ def correct(
     rtol: float,
     load_size: float,
     max_iterations: int,
+    system: System | None = None,
 ) -> NewtonResult:
     """Newton on the extended system (Eqs. 2.65–2.72) from the guess z = (x, e), (size + 1,).
 
     Converged when max|Δu| / length and |Δe| / ``load_size`` are ≤ ``rtol``. A step is shortened
-    until the simplified correction shrinks. The factor of the result's ``system`` is alive.
+    until the simplified correction shrinks. ``system``: that at the guess, where it is known. The
+    factor of the result's ``system`` is alive.
     """
-    extended = _Extended(scene, constraint, load_size)
+    extended = _Extended(scene, constraint, load_size, system)
     return iterate(extended, z, rtol=rtol, max_iterations=max_iterations)
 
 
 class _Extended:
     """R(x, e) = 0, f(x, e) = 0."""
 
-    def __init__(self, scene: Scene, constraint: Ellipsoid | Plane, load_size: float):
+    def __init__(
+        self,
+        scene: Scene,
+        constraint: Ellipsoid | Plane,
+        load_size: float,
+        first: System | None = None,
+    ):
         self.scene, self._constraint, self._load_size = scene, constraint, load_size
+        self._first = first
 
     def state(self, z):
         return z[:-1], float(z[-1])
 
     def linearise(self, z):
         (x, e), h = self.state(z), 1e-4 * self._load_size
-        system = self.scene.system(x, e)
+        system, self._first = self._first or self.scene.system(x, e), None
         ahead = None if system is None else self.scene.residual(x, e + h)
         if ahead is None:
             return None
@@ -167,27 +176,6 @@ def tangent(
     return metric.unit(t) if np.isfinite(t).all() else None
 
 
-def extrapolate(nodes: list[tuple[float, np.ndarray, np.ndarray]], s: float) -> list[np.ndarray]:
-    """Polynomials through values and slopes (s_i, z_i, z_i'), newest first, evaluated at s.
-
-    Confluent Newton form. Entry k has order k + 1 and uses the newest k + 2 of the data: the
-    tangent, the parabola through the point before, Hermite's cubic, and so on.
-    """
-    at = [s_i for s_i, _, _ in nodes for _ in range(2)]
-    value = [z for _, z, _ in nodes for _ in range(2)]
-    slope = [d for _, _, d in nodes for _ in range(2)]
-    column, p, factor, out = value, value[0], 1.0, []
-    for j in range(1, len(at)):
-        column = [
-            slope[i] if at[i + j] == at[i] else (column[i + 1] - column[i]) / (at[i + j] - at[i])
-            for i in range(len(at) - j)
-        ]
-        factor *= s - at[j - 1]
-        p = p + factor * column[0]
-        out.append(p)
-    return out
-
-
 class NotFollowed(ArithmeticError):
     """The path between two of its points could not be followed to where it was asked for."""
 
@@ -214,9 +202,20 @@ def between(
     guess = (2 * t**3 - 3 * t**2 + 1) * start + (t**3 - 2 * t**2 + t) * d0
     guess = guess + (3 * t**2 - 2 * t**3) * end + (t**3 - t**2) * d1
     plane = Plane(start + fraction * line, metric.row(line) / h)
-    result = correct(scene, guess, plane, rtol=rtol, load_size=metric.b, max_iterations=12)
-    # Back on the path between the two, not on some other path that crosses the plane.
-    if not result.converged or metric.norm(result.z - guess) > 0.5 * h:
+    # The cubic may compress a thin body, in which Newton's method then strays; the tangent of the
+    # nearer end stretches it. Not where the tangents say that the ends lie on different paths.
+    options, spent = [guess], 0
+    near, d, t = (start, d0, fraction) if fraction < 0.5 else (end, d1, fraction - 1)
+    smooth = metric.dot(line, d0 + d1) > 0.9 * h * metric.norm(d0 + d1)
+    if smooth and (ahead := plane.normal @ d) > 0.1 * h:
+        options.append(near + t * h / ahead * d)
+    for z in options:
+        result = correct(scene, z, plane, rtol=rtol, load_size=metric.b, max_iterations=12)
+        spent += result.iterations
+        # Back on the path between the two, not on some other path that crosses the plane.
+        if result.converged and metric.norm(result.z - guess) <= 0.5 * h:
+            break
+    else:
         return None
     factor = result.system.factorise()
     way = tangent(scene, result.x, result.e, factor, line, metric)
@@ -230,7 +229,7 @@ def between(
         metric=metric,
         unstable=result.system.unstable,
         energy=result.system.energy,
-        iterations=result.iterations,
+        iterations=spent,
         step=result.e - before.e,
         residual=result.residual,
         control=before.control,

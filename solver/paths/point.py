@@ -21,7 +21,7 @@ class Point:
     there is none; ``iterations``: factorisations since the last point, rejected steps included;
     ``step``: change of e; ``residual``: largest entry over the scene's force; ``events``: what was
     located between the last point and this one; ``control``: step control of the stepper that came
-    here; ``metric``: its sizes (of displacement over length, of e); ``history``: up to two points
+    here; ``metric``: its sizes (of displacement over length, of e); ``history``: up to three points
     before, each as (e, x, tangent).
     """
 
@@ -46,7 +46,7 @@ class Point:
 
     def past(self) -> tuple[tuple[float, np.ndarray, np.ndarray], ...]:
         """History for the next point: this one first."""
-        return ((self.e, self.x, self.tangent), *self.history)[:2]
+        return ((self.e, self.x, self.tangent), *self.history)[:3]
 
 
 class Uncounted(UserWarning):

@@ -17,10 +17,11 @@ from solver.equilibrium.descent import descend
 from solver.equilibrium.linear import Factor
 from solver.equilibrium.newton import NewtonResult, Outcome, largest, newton
 from solver.equilibrium.scene import Scene
-from solver.paths.arc import Ellipsoid, correct, extrapolate, tangent
+from solver.paths.arc import Ellipsoid, correct, tangent
 from solver.paths.noise import Noise
 from solver.paths.pace import ArcPace, LoadPace, positive, towards
 from solver.paths.point import Ended, Metric, Point, displacement_size
+from solver.paths.predictor import choose, extrapolate, guesses, misfit
 from solver.paths.reasons import JUMPED, NO_TANGENT, no_result, no_step
 
 
@@ -173,7 +174,7 @@ class LoadSteps:
             options = extrapolate(_as_steps(scene, nodes), e)[: self.order]
         step = options[0]
         if len(options) > 1:
-            step = min(options, key=lambda dx: _misfit(scene, scene.moved(point.x, dx, e), e))
+            step = min(options, key=lambda dx: misfit(scene, scene.moved(point.x, dx, e), e))
         # An extrapolation may end beyond a barrier.
         admitted = scene.longest_step(point.x, step, e)
         return scene.moved(point.x, admitted * step, e)
@@ -208,10 +209,10 @@ class ArcLength:
     at. ``noise``: on each guess; a step that would end in an unstable state is a noisy load step
     instead, which goes down to a stable one.
 
-    Guesses (2.74): load forward with the displacement kept, extrapolation through the last two
-    points, and the polynomials with tangents; the smallest residual wins. Keeping everything is not
-    among them: the ellipsoid's gradient vanishes at its centre, and the step from there along the
-    path is the tangent guess.
+    Guesses (2.74) are those of :mod:`solver.paths.predictor`: the smallest residual wins unless it
+    buckles the body. Two of the dissertation's are not among them. Load forward with the
+    displacement kept always has a small residual in a thin body and never is near the path; keeping
+    everything is the tangent's guess, as the ellipsoid's gradient vanishes at its centre.
 
     Raises ValueError for sizes that are not positive and orders that don't exist.
     """
@@ -222,7 +223,7 @@ class ArcLength:
     smallest: float = 1e-4
     largest: float = 4.0
     order: int = 3
-    forward: float = 0.9
+    forward: float = 0.95
     easy: int = 4
     max_iterations: int = 12
     noise: Noise | None = None
@@ -259,7 +260,9 @@ class ArcLength:
             noisy, field = self.noise.draw(scene, point)
         while pace.allows(a, b):
             metric = point.metric.sized(a, b)
-            guess = self._guess(noisy, point, metric, biased=spent == 0)
+            options = guesses(point, metric, self.order)
+            expected = point.unstable if field is None else None
+            guess, system, refused = choose(noisy, options, expected)
             if field is not None:
                 size = self.noise.amplitude * largest(guess[: scene.n_free])
                 guess[:-1] += noisy.longest_step(guess[:-1], size * field, guess[-1]) * size * field
@@ -270,8 +273,9 @@ class ArcLength:
                 rtol=self.rtol,
                 load_size=self.b,
                 max_iterations=self.max_iterations,
+                system=system,
             )
-            spent += result.iterations
+            spent += refused + result.iterations
             if result.converged:
                 unstable = result.system.unstable and result.system.energy is not None
                 if field is not None and unstable:
@@ -287,33 +291,6 @@ class ArcLength:
     def resume(self, point: Point, target: float | None) -> Point:
         """The point: the arc keeps its direction; see :func:`turned`."""
         return point
-
-    def _guess(self, scene: Scene, point: Point, metric: Metric, biased: bool) -> np.ndarray:
-        here, way = point.z, metric.unit(point.tangent)
-        guesses = [here + way]
-        # Close before a fold the load alone leads where the path doesn't go: a failure says so.
-        if biased:
-            ahead = here.copy()
-            ahead[-1] += np.sign(way[-1]) * metric.b
-            guesses.append(ahead)
-        if point.history:
-            nodes, s, last = [(0.0, here, way)], 0.0, here
-            for e, x, t in point.history[: max(self.order // 2, 1)]:
-                z = np.append(x, e)
-                s -= metric.norm(z - last)
-                nodes.append((s, z, metric.unit(t)))
-                last = z
-            guesses.append(here + metric.unit(here - nodes[1][1]))
-            for k in range(1, self.order):
-                t = 1.0
-                for _ in range(3):
-                    options = extrapolate(nodes, t)
-                    if k >= len(options):
-                        break
-                    t /= max(metric.norm(options[k] - here), 0.5)
-                else:
-                    guesses.append(here + metric.unit(extrapolate(nodes, t)[k] - here))
-        return min(guesses, key=lambda z: _misfit(scene, z[:-1], z[-1]))
 
     def _point(self, scene, point, result: NewtonResult, metric, spent) -> Point | None:
         x, e = result.x, result.e
@@ -365,12 +342,6 @@ def _as_steps(scene: Scene, nodes: list) -> list:
             rate = (scene.way(start, x + small * rate, e) - there) / small
         found.append((e, there, rate))
     return found
-
-
-def _misfit(scene: Scene, x: np.ndarray, e: float) -> float:
-    """‖R‖, inf where not admissible: what guesses are judged by (Eq. 2.74)."""
-    R = scene.residual(x, e)
-    return np.inf if R is None else float(np.linalg.norm(R))
 
 
 def _start(scene: Scene, x: np.ndarray, e: float, rtol: float) -> NewtonResult:

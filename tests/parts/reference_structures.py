@@ -60,6 +60,45 @@ def arch(*, hinged, n=16, e_to=1.0, whole=False, h=0.1875):
     return Scene(body, [Elastic(body, NeoHookean(1e7, 0.0)), load], fixed=fixed, rows=rows), crown
 
 
+def toggle(*, n=6, e_to=50.0):
+    """Half of Williams' toggle (1964), lb and in: clamped legs of length 12.943 that rise by 0.386,
+    sections 0.753 wide and 0.243 deep, E = 1.03e7; crown load e·e_to. And the crown's nodes."""
+    length, rise, wide, deep = 12.943, 0.386, 0.753, 0.243
+    half = np.sqrt(length**2 - rise**2)
+
+    def shape(X):
+        s, t, z = X.T
+        return np.stack([s, rise * s / half + t, z], -1)
+
+    mesh = box(np.linspace(0, half, n + 1), [-deep / 2, deep / 2], [0, wide], shape=shape)
+    body = Body.build(mesh, "hex27", bent=0)
+    fixed = [*held(body, 2, 0.0, 2), *held(body, 0, 0.0, 0, 1), *held(body, 0, half, 0)]
+    at = (half, rise)
+    crown = body.nodes_where(lambda X: np.abs(X[:, :2] - at).max(axis=1) < 1e-9)
+    load = LineLoad(body, Line.of(body, crown), lambda e: (0, -e * e_to / 2 / wide, 0))
+    return Scene(body, [Elastic(body, NeoHookean(1.03e7, 0.0)), load], fixed=fixed), crown
+
+
+def deep_arch(*, n=16, e_to=1000.0):
+    """DaDeppo and Schmidt's (1975) arch of 215°, R = 100, EI = 1e6, EA = 1e8 (unit width, ν = 0),
+    one end clamped, the other hinged; crown load e·e_to, which is greatest near 897. And the crown.
+    """
+    R, h = 100.0, np.sqrt(12 * 1e6 / 1e8)
+    low, high = np.radians([90 - 107.5, 90 + 107.5])
+    mesh = box([R - h / 2, R + h / 2], np.linspace(low, high, n + 1), [0, 1.0], shape=polar)
+    body = Body.build(mesh, "hex27", bent=1)
+    x, y = body.nodes[:, :2].T
+    angle = (np.arctan2(y, x) - low + 1e-9) % (2 * np.pi) + low - 1e-9
+    clamped = np.flatnonzero(np.abs(angle - high) < 1e-8)
+    fixed = [*held(body, 2, 0.0, 2), *held(body, 2, 1.0, 2)]
+    fixed += [Fixed(clamped, AXES[0]), Fixed(clamped, AXES[1])]
+    rows = hinge(body, np.flatnonzero(np.abs(angle - low) < 1e-8), (0, 1))
+    crown = np.flatnonzero((np.abs(x) < 1e-6) & (np.abs(np.hypot(x, y) - R) < 1e-6))
+    load = LineLoad(body, Line.of(body, crown), lambda e: (0, -e * e_to, 0))
+    term = Elastic(body, NeoHookean(1e8 / h, 0.0))
+    return Scene(body, [term, load], fixed=fixed, rows=rows), crown
+
+
 def roof(*, h=12.7, n=6, e_to=3.0):
     """A quarter of the hinged cylindrical roof of Sze, Liu and Lo (2004), crown load 1000 e·e_to.
 
