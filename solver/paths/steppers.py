@@ -206,15 +206,17 @@ class ArcLength:
     fractions of those; below, the path stops. ``order``: of the best predictor (see ``LoadSteps``).
     ``forward``: least cosine between a step and the sum of the tangents at its ends; with a smaller
     one it doubles back, cuts a corner or ends on another path. ``easy``: iterations per step to aim
-    at. ``noise``: on each guess; a step that would end in an unstable state is a noisy load step
-    instead, which goes down to a stable one.
+    at. ``direction``: +1 or −1, whether the load rises or falls at first where a path starts from a
+    guess; None: towards its target. A path that starts from a point goes on as it was walked, or
+    back from there if :func:`turned`. ``noise``: on each guess; a step that would end in an
+    unstable state is a noisy load step instead, which goes down to a stable one.
 
     Guesses (2.74) are those of :mod:`solver.paths.predictor`: the smallest residual wins unless it
     buckles the body. Two of the dissertation's are not among them. Load forward with the
     displacement kept always has a small residual in a thin body and never is near the path; keeping
     everything is the tangent's guess, as the ellipsoid's gradient vanishes at its centre.
 
-    Raises ValueError for sizes that are not positive and orders that don't exist.
+    Raises ValueError for sizes that are not positive, orders and directions that don't exist.
     """
 
     rtol: float
@@ -226,6 +228,7 @@ class ArcLength:
     forward: float = 0.95
     easy: int = 4
     max_iterations: int = 12
+    direction: int | None = None
     noise: Noise | None = None
 
     def __post_init__(self):
@@ -234,6 +237,11 @@ class ArcLength:
             raise ValueError(
                 f"forward = {self.forward}, order = {self.order}; "
                 "expected forward < 1 and an order from 1 to 5"
+            )
+        if self.direction not in (None, 1, -1):
+            raise ValueError(
+                f"direction = {self.direction!r}; expected 1 (the load rises at first), -1 (it "
+                "falls) or None (towards the target)"
             )
         _ = self.pace
 
@@ -245,9 +253,10 @@ class ArcLength:
         return ArcPace(self.a, self.b, self.smallest, self.largest, easy)
 
     def begin(self, scene: Scene, x: np.ndarray, e: float, sign: float) -> Point | Ended:
-        """First point of a path, which sets out with the load rising (sign 1) or falling (−1)."""
+        """First point of a path, which sets out with the load rising (sign 1) or falling (−1),
+        unless ``direction`` says otherwise."""
         along = np.zeros(scene.size + 1)
-        along[-1] = sign * self.b
+        along[-1] = (self.direction or sign) * self.b
         metric = Metric(self.a, self.b, scene.n_free, scene.scales.length)
         return _first(scene, x, e, self.rtol, along, metric, (self.a, self.b))
 

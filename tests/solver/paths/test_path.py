@@ -147,6 +147,28 @@ def test_a_closed_path_without_energy_is_walked_round_once():
         assert np.hypot(*p.x) == pytest.approx(1, abs=1e-9)
 
 
+@pytest.mark.parametrize("until", [load(1.5e-4), lambda p: p.x[0] + 0.1])
+def test_an_arc_starts_with_falling_load_where_it_is_told_to(until):
+    # The snapped truss, free of load, is pushed back up: round its fold at −LIMIT, over the flat
+    # state, to a load of 1.5e-4 that it also has on the branch where it sets out.
+    scene, snapped = truss(), np.array([-0.2])
+    falling = replace(TRUSS_ARC, direction=-1)
+    path = trace(scene, snapped, falling, until=until, max_steps=100)
+    assert path.reached
+    assert path.points[0].x[0] == pytest.approx(-0.2, abs=1e-12)
+    assert path.points[1].e < 0 < path.points[1].x[0] + 0.2
+    (fold,) = path.events
+    assert fold.kind == "fold" and fold.e == pytest.approx(-LIMIT, rel=1e-9)
+    assert -path.last.x[0] <= 0.1 + 1e-9
+    assert truss_load(-path.last.x[0]) == pytest.approx(path.last.e, abs=1e-13)
+    # Towards the target it goes the short way; a restart goes on as the path was walked.
+    short = trace(scene, snapped, TRUSS_ARC, until=load(1.5e-4), max_steps=100)
+    assert short.reached and -short.last.x[0] > 0.2 and short.events == ()
+    half = trace(scene, snapped, falling, until=until, max_steps=len(path.points) - 2)
+    again = trace(scene, half.last, falling, until=until, max_steps=100)
+    assert half.last.tangent[-1] > 0 and np.array_equal(again.last.x, path.last.x)
+
+
 def test_a_custom_target_is_met_exactly():
     scene = truss()
     path = trace(scene, rest(scene), TRUSS_ARC, until=lambda p: -p.x[0] - 0.1, max_steps=100)
@@ -215,6 +237,7 @@ def test_choices_that_make_no_sense_are_refused():
         lambda: LoadSteps(1e-9, 0.1, order=6),
         lambda: ArcLength(1e-9, a=0, b=1),
         lambda: ArcLength(1e-9, a=1, b=1, order=0),
+        lambda: ArcLength(1e-9, a=1, b=1, direction=0),
     ):
         with pytest.raises(ValueError, match="expected"):
             make()
