@@ -141,19 +141,19 @@ def _walk(
         )
     missed = ""
     for _ in range(max_steps):
-        found = stepper.advance(scene, point, target)
-        if isinstance(found, Ended):
+        after = stepper.advance(scene, point, target)
+        if isinstance(after, Ended):
             return (
-                replace(found, why=partial(str, missed)) if missed and not found.detail else found
+                replace(after, why=partial(str, missed)) if missed and not after.detail else after
             )
-        located = found.events
+        located = after.events
         if events and not located:
-            located = locate(scene, point, found, rtol=stepper.rtol)
-        end = _end(scene, point, found, located, until, gap, stepper.rtol)
+            located = locate(scene, point, after, rtol=stepper.rtol)
+        end = _end(scene, point, after, located, until, gap, stepper.rtol)
         if isinstance(end, Outcome):
             # The target is bracketed but was not met: come nearer in smaller steps.
             missed = (
-                f"the target, between e = {point.e:.6g} and {found.e:.6g}, was not met: {end.value}"
+                f"the target, between e = {point.e:.6g} and {after.e:.6g}, was not met: {end.value}"
             )
             point = replace(point, control=tuple(c / np.sqrt(10) for c in point.control))
             continue
@@ -161,9 +161,9 @@ def _walk(
             passed = tuple(ev for ev in located if _precedes(ev, point, end))
             yield replace(end, events=passed)
             return Ended(Outcome.REACHED)
-        if not bounds[0] <= found.e <= bounds[1]:
+        if not bounds[0] <= after.e <= bounds[1]:
             return Ended(Outcome.OUT_OF_BOUNDS)
-        point = replace(found, events=located)
+        point = replace(after, events=located)
         gap, missed = until(point), ""
         yield point
     return Ended(Outcome.MAX_STEPS, why=partial(str, missed))
@@ -201,8 +201,7 @@ def trace(
             points.append(next(walk))
         except StopIteration as stop:
             own = points[1:] if isinstance(start, Point) else points
-            found = tuple(ev for p in own for ev in p.events)
-            events = found + stop.value.events
+            events = (*(ev for p in own for ev in p.events), *stop.value.events)
             warnings = _warnings(scene, points)
             if options.get("events", True):
                 warnings += _unlocated(points)
@@ -214,7 +213,7 @@ def _warnings(scene: Scene, points: list[Point]) -> tuple[UserWarning, ...]:
     points whose stability is not known."""
     body = scene.body
     ends = [scene.displacement(p.x, p.e) for p in points[-1:]]
-    shape = next((found for u in (None, *ends) if (found := body.locking(u))), ())
+    shape = next((w for u in (None, *ends) if (w := body.locking(u))), ())
     material = (w for term in scene.terms for w in getattr(term, "locking", ()))
     return (*shape, *material, *_uncounted(scene, points))
 
@@ -281,10 +280,10 @@ def _end(scene, before, after, located, until, gap, rtol) -> Point | Outcome | N
         )
         if not beyond:
             return None
-        found = between(scene, before, after, beyond[0].fraction, rtol=rtol)
-        if found is None or until(found[0]) * gap > 0:
+        made = between(scene, before, after, beyond[0].fraction, rtol=rtol)
+        if made is None or until(made[0]) * gap > 0:
             return None
-        middle = found[0]
+        middle = made[0]
         after = replace(
             middle,
             index=after.index,

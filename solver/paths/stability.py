@@ -162,12 +162,12 @@ def _search(scene, before, after, low: _Probe, high: _Probe, rtol) -> list[Event
 
 
 def _bracket(seen, gap, low: _Probe, high: _Probe) -> tuple[_Probe, _Probe]:
-    """The closest pair of probes, of those that were found, between which ``gap`` changes sign."""
-    found = [p for fraction, p in sorted(seen.items()) if p is not None]
-    same = [p for p in found if gap(p.fraction) * gap(low.fraction) > 0]
+    """The closest pair of probes, of those that were reached, with a change of sign of ``gap``."""
+    probes = [p for fraction, p in sorted(seen.items()) if p is not None]
+    same = [p for p in probes if gap(p.fraction) * gap(low.fraction) > 0]
     left = max(same, key=lambda p: p.fraction)
     right = min(
-        (p for p in found if p.fraction > left.fraction), key=lambda p: p.fraction, default=high
+        (p for p in probes if p.fraction > left.fraction), key=lambda p: p.fraction, default=high
     )
     return left, right
 
@@ -217,7 +217,7 @@ def switch(
         own = metric.sized(amplitude * size, metric.b)
         along = own.unit(event.tangent)
         line = amplitude * (mode - own.dot(mode, along) * along)
-        found = correct(
+        result = correct(
             scene,
             here + line,
             Plane(here + line, own.row(line)),
@@ -225,13 +225,13 @@ def switch(
             load_size=metric.b,
             max_iterations=20,
         )
-        if found.converged and own.norm(found.z - here) < 10:
-            x, e = found.z[:-1], float(found.z[-1])
-            way = tangent(scene, x, e, found.system.factorise(), line, own)
+        if result.converged and own.norm(result.z - here) < 10:
+            x, e = result.z[:-1], float(result.z[-1])
+            way = tangent(scene, x, e, result.system.factorise(), line, own)
             if way is not None:
                 return Point(
-                    near.index + 1, e, x, way, metric, found.system.unstable, found.system.energy,
-                    found.iterations, e - event.e, found.residual,
+                    near.index + 1, e, x, way, metric, result.system.unstable, result.system.energy,
+                    result.iterations, e - event.e, result.residual,
                 )  # fmt: skip
         amplitude /= 2
     return Outcome.NO_BRANCH

@@ -343,14 +343,14 @@ def turned(point: Point) -> Point:
 def _as_steps(scene: Scene, nodes: list) -> list:
     """Values and slopes (e, x, dx/de), the newest first, as steps from its x."""
     (e, start, rate), *past = nodes
-    found = [(e, np.zeros_like(start), rate)]
+    steps = [(e, np.zeros_like(start), rate)]
     for e, x, rate in past:
         there = scene.way(start, x, e)
         if scene.sections is not None:
             small = 1e-6 * scene.scales.length / max(largest(rate[: scene.n_free]), 1e-300)
             rate = (scene.way(start, x + small * rate, e) - there) / small
-        found.append((e, there, rate))
-    return found
+        steps.append((e, there, rate))
+    return steps
 
 
 def _start(scene: Scene, x: np.ndarray, e: float, rtol: float) -> NewtonResult:

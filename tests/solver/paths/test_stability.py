@@ -99,10 +99,10 @@ def test_counts_are_on_the_states_the_rows_allow():
     body = Body.build(mesh, "hex8")
     rows = [make(body, axis) for make in (translation_row, rotation_row) for axis in range(3)]
     scene = Scene(body, [Elastic(body, NeoHookean(1.0, 0.3))], rows=rows)
-    found = newton(scene, rest(scene), 0.0, rtol=1e-12)
-    assert found.converged
-    assert found.system.unstable == 0
-    value, mode = critical_mode(scene, found.system.factorise(), sweeps=50)
+    result = newton(scene, rest(scene), 0.0, rtol=1e-12)
+    assert result.converged
+    assert result.system.unstable == 0
+    value, mode = critical_mode(scene, result.system.factorise(), sweeps=50)
     u = scene.step_displacement(mode)
     assert value > 0
     for row in rows:

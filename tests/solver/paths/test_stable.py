@@ -118,33 +118,33 @@ def valley(depth=1.0, bend=5.0):
 def test_the_bottom_of_a_narrow_bent_valley_is_found_downhill(start, reach):
     scene = valley()
     start = np.array(start)
-    found = descend(scene, start, 0.0, rtol=1e-9, reach=reach, max_iterations=5000)
-    assert found.outcome is Outcome.CONVERGED
-    assert found.system.unstable == 0
-    assert np.abs(found.x[0]) == pytest.approx(1, abs=1e-6)
-    assert found.x[1] == pytest.approx(0, abs=1e-6)
+    result = descend(scene, start, 0.0, rtol=1e-9, reach=reach, max_iterations=5000)
+    assert result.outcome is Outcome.CONVERGED
+    assert result.system.unstable == 0
+    assert np.abs(result.x[0]) == pytest.approx(1, abs=1e-6)
+    assert result.x[1] == pytest.approx(0, abs=1e-6)
     if start[0]:
-        assert np.sign(found.x[0]) == np.sign(start[0])
+        assert np.sign(result.x[0]) == np.sign(start[0])
 
 
 def test_the_energy_never_rises_on_the_way_down():
     scene, seen = valley(), []
     start = np.array([0.2, -4.8])
     for most in range(1, 300, 5):
-        found = descend(scene, start, 0.0, rtol=1e-9, reach=0.2, max_iterations=most)
-        seen.append(scene.energy(found.x, 0.0))
-        if found.converged:
+        result = descend(scene, start, 0.0, rtol=1e-9, reach=0.2, max_iterations=most)
+        seen.append(scene.energy(result.x, 0.0))
+        if result.converged:
             break
-    assert found.converged and most > 30  # the body flowed, beyond damped Newton steps
+    assert result.converged and most > 30  # the body flowed, beyond damped Newton steps
     assert np.all(np.diff(seen) <= 1e-12 * seen[0])
 
 
 def test_a_saddle_is_left_and_a_flat_top_is_too():
     scene = truss()
     # The flat truss carries nothing: an equilibrium with one unstable mode.
-    found = descend(scene, np.array([-0.1]), 0.0, rtol=1e-10)
-    assert found.converged and found.system.unstable == 0
-    assert min(abs(found.x[0]), abs(found.x[0] + 0.2)) < 1e-9
+    result = descend(scene, np.array([-0.1]), 0.0, rtol=1e-10)
+    assert result.converged and result.system.unstable == 0
+    assert min(abs(result.x[0]), abs(result.x[0] + 0.2)) < 1e-9
 
 
 def test_an_energy_without_a_floor_is_an_outcome():
@@ -158,8 +158,8 @@ def test_an_energy_without_a_floor_is_an_outcome():
 
     endings = (Outcome.NO_STABLE_STATE, Outcome.NO_PROGRESS)
     for power in (2, 4):
-        found = descend(bottomless(power), np.array([0.7]), 1.0, rtol=1e-9, max_iterations=200)
-        assert found.outcome in endings
+        result = descend(bottomless(power), np.array([0.7]), 1.0, rtol=1e-9, max_iterations=200)
+        assert result.outcome in endings
     # With the square the only equilibrium turns unstable at e = ½: there the path ends.
     path = settled(bottomless(2), 1.0, 0.1)
     assert path.outcome in endings
@@ -174,6 +174,6 @@ def test_a_saddle_is_left_along_its_lowest_mode_not_the_one_nearest_to_zero():
         lambda q, e: np.array([-1e-2 * q[0] + q[0] ** 3, 1e-4 * q[1]]),
         lambda q, e: np.diag([-1e-2 + 3 * q[0] ** 2, 1e-4]),
     )
-    found = descend(scene, np.zeros(2), 0.0, rtol=1e-10)
-    assert found.converged and found.system.unstable == 0
-    assert np.abs(found.x) == pytest.approx([0.1, 0.0], abs=1e-8)
+    result = descend(scene, np.zeros(2), 0.0, rtol=1e-10)
+    assert result.converged and result.system.unstable == 0
+    assert np.abs(result.x) == pytest.approx([0.1, 0.0], abs=1e-8)
