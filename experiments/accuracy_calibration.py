@@ -33,7 +33,7 @@ from solver.cases.unit.mesh import LEVELS, Sizes
 from solver.equilibrium.clock import core_seconds
 
 # One finer than the finest of :data:`LEVELS`.
-FINEST = Sizes(0.03125, 2, 0.18, 0.0625, 0.35, 4)
+FINEST = Sizes(0.04, 2, 0.18, 0.08, 0.25, 4)
 
 
 @dataclass(frozen=True)

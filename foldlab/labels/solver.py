@@ -98,7 +98,7 @@ class SolverSource:
     def version(self) -> str:
         """Tells all settings apart that may change an answer."""
         c, effort = self.conditions, self.effort
-        parts = ["7", c.growth, c.effects.replace(",", "+"), f"{effort.accuracy:g}"]
+        parts = ["8", c.growth, c.effects.replace(",", "+"), f"{effort.accuracy:g}"]
         parts += ["exists"] * (self.question == "exists") + ["falls"] * (not c.upright)
         parts += [f"noise{self.seed}"] * (self.seed is not None)
         parts += [f"pattern{c.strips}x{c.strip_share:g}"] * (c.strips > 0)
@@ -138,16 +138,16 @@ class SolverSource:
         limits = {"deadline": deadline, "clock": clock}
         run, errors, levels = self.run(groups, 0, **limits), None, 1
         before: Run | None = None
+        earlier: judging.Errors | None = None
         coarse = run.settled and self._enough(groups, run)
         if coarse:
             errors = judging.calibrated(run, groups, self.thresholds)
-        finest, asked = self.effort.plan.finest, self.effort.accuracy
+        finest, asked, open_ = self.effort.plan.finest, self.effort.accuracy, []
         for level in () if coarse else range(1, min(finest + 1, FINEST) + 1):
             if not run.settled or core_seconds() > deadline:
                 break
             if level > 1:
                 # Where the verdict hangs on it, one mesh more and larger ones.
-                open_ = bool(judging.undecided(run, errors, self.thresholds, accuracy=asked))
                 size = run.folding.model.scene.size / (FURTHER if open_ else 1)
                 if run.closed or size > LARGEST[finest] or (level > finest and not open_):
                     break
@@ -162,9 +162,11 @@ class SolverSource:
                 if not again.settled:
                     break
                 refined = again, judging.difference(run, again, groups, self.thresholds)
-            before, run, errors = run, refined[0], refined[1].stated(level)
-            levels += 1
-            if errors.largest <= asked and level + 1 >= finest and not self._across(run, level):
+            before, run = run, refined[0]
+            errors = refined[1].stated(level, earlier, self._across(run, level))
+            earlier, levels = refined[1], levels + 1
+            open_ = judging.undecided(run, errors, self.thresholds, accuracy=asked)
+            if errors.m1 <= asked and level + 1 >= finest and not open_:
                 break
         foldable, reason, evidence = judging.judge(
             self.changing.at_end(self._pattern() | groups),
@@ -207,12 +209,15 @@ class SolverSource:
             return None, f"unknown: {reason}, but may break: {' and '.join(phrases)}", "unresolved"
         return foldable, f"{reason}, and nothing breaks", outcome
 
-    def _across(self, run: Run, level: int) -> bool:
-        """Whether the turning across the hinge decides, and one element is too few to know it."""
-        g = run.folding.model.unit.contraction
-        need = self.thresholds.angle(g)
-        near = abs(run.measures["m2"] - self.thresholds.most_across(g)) < ACROSS * need
-        return level < 2 and run.measures["m1"] > need and near and not run.closed
+    def _across(self, run: Run, level: int) -> float:
+        """Least that is stated of m2 on a mesh; see :data:`foldlab.labels.verdict.ACROSS`."""
+        from solver.cases.unit.mesh import LEVELS
+
+        model = run.folding.model
+        elements = LEVELS[level].across + model.meshing.curls
+        g = model.unit.contraction
+        scale = float(self.thresholds.scale(run.measures["m1"], g))
+        return judging.ACROSS[min(elements, 3)] * float(self.thresholds.angle(g)) / scale
 
     def _pattern(self) -> dict[str, float]:
         """The groups of strips where they are a setting."""
@@ -346,9 +351,6 @@ LARGEST = {2: 6000, 3: 20000}
 # And by what factor more where the verdict is open.
 FURTHER = 3
 FINEST = 3  # of all meshes
-
-# Error over |g|π of m2 on meshes of one element across the hinge; the worst of 18 was 0.17.
-ACROSS = 0.2
 
 
 SOURCES = {"timoshenko": TimoshenkoSource, "rod": RodSource, "solver": SolverSource}

@@ -38,8 +38,8 @@ class Sizes:
 LEVELS = (
     Sizes(0.5, 3, 0.8, 0.0, 1.5, 1),
     Sizes(0.25, 3, 0.5, 0.5, 1.0, 1),
-    Sizes(0.125, 3, 0.35, 0.25, 0.7, 2),
-    Sizes(0.0625, 2, 0.25, 0.125, 0.5, 3),
+    Sizes(0.125, 3, 0.35, 0.125, 0.5, 2),
+    Sizes(0.0625, 2, 0.25, 0.125, 0.35, 3),
 )
 
 
@@ -71,8 +71,8 @@ def mesh(
     )
     x, solid = _across(unit, level, curls)
     start = level.layered * min(h, top)
-    below = h - growing(h, start, 3.0)[::-1] if level.layered else np.array([0, h])
-    above = h + growing(top, start, 3.0) if level.layered else np.array([h, h + top])
+    below = h - growing(h, start, level.factor)[::-1] if level.layered else np.array([0, h])
+    above = h + growing(top, start, level.factor) if level.layered else np.array([h, h + top])
     z = joined(below, above)
     if "x" not in mirrors:
         x = joined(-x[::-1], x)

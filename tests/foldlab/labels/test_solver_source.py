@@ -24,7 +24,7 @@ from foldlab.labels.label import LabelSource, storable
 from foldlab.labels.memory import hand_back
 from foldlab.labels.solver import SolverSource, make_source
 from foldlab.labels.strength import Strengths
-from foldlab.labels.verdict import CURVE_POINTS, Errors
+from foldlab.labels.verdict import ACROSS, CURVE_POINTS, FLOOR, Errors
 from solver.equilibrium import clock
 from solver.physics.elastic import Elastic
 
@@ -230,12 +230,12 @@ def test_a_hinge_that_curls_by_half_a_turn_ends_there():
 
 @pytest.mark.parametrize(
     "across, m1, levels",
-    [(0.0, 1.1, 2), (0.29, 1.1, 2), (0.31, 1.1, 3), (0.69, 1.1, 3), (0.71, 1.1, 2), (0.5, 0.9, 2)],
+    [(0.0, 1.1, 2), (0.24, 1.1, 2), (0.26, 1.1, 3), (0.74, 1.1, 3), (0.76, 1.1, 2), (0.5, 0.9, 2)],
 )
 def test_where_turning_across_the_hinge_decides_two_elements_across_tell_it(
     across, m1, levels, monkeypatch
 ):
-    """Meshes 0 and 1 have one element across; m2 errs by up to a fifth of |g|π on them."""
+    """Meshes 0 and 1 have one element across; m2 errs by up to a quarter of |g|π on them."""
     source = SolverSource(Conditions(effects="none"), Effort(accuracy=0.1))
     run = source.run(LIGHT, 0)
     need = np.pi * LIGHT["contraction"]
@@ -243,7 +243,11 @@ def test_where_turning_across_the_hinge_decides_two_elements_across_tell_it(
     monkeypatch.setattr(SolverSource, "run", lambda *args, **limits: run)
     same = Errors(1e-6, 1e-6)
     monkeypatch.setattr(SolverSource, "_refined", lambda self, run, level, deadline: (run, same))
-    assert source.label(LIGHT).evidence["levels"] == levels
+    label = source.label(LIGHT)
+    assert label.evidence["levels"] == levels
+    # What is asked is the accuracy of m1; the error of m2 is stated beside it.
+    assert label.evidence["error_estimate"] == FLOOR[levels - 1]
+    assert label.evidence["error_m2"] == pytest.approx(ACROSS[levels - 1] * need)
 
 
 def test_a_fold_can_exist_where_the_hinge_contracts_in_all_directions():
@@ -281,7 +285,7 @@ def test_versions_tell_settings_apart():
     assert len({make_source("solver", o).version for o in options}) == len(options)
     # What can't change an answer makes no other version.
     same = [{}, {"timeout": 9.0}, {"strip_share": 0.8}]
-    assert {make_source("solver", o).version for o in same} == {"7-uniaxial-gravity+ground-0.02"}
+    assert {make_source("solver", o).version for o in same} == {"8-uniaxial-gravity+ground-0.02"}
 
 
 def test_settings_without_strips_do_not_say_what_strips_cover():

@@ -8,7 +8,7 @@ import pytest
 from foldlab.errors import InputError
 from foldlab.labels.foldability import Thresholds
 from foldlab.labels.run import Run
-from foldlab.labels.verdict import Errors, difference, judge
+from foldlab.labels.verdict import FLOOR, Errors, difference, judge
 from solver.cases.unit.path import Ending, Happening
 
 LIMITS = Thresholds()
@@ -74,8 +74,19 @@ def test_closed_paths_differ_by_the_contraction_that_a_full_turn_takes():
 
 
 def test_each_turning_is_stated_with_a_margin_and_not_below_what_chance_may_give():
-    assert vars(Errors(0.1, 1e-4).stated(2)) == pytest.approx({"m1": 0.125, "m2": 3e-3})
-    assert vars(Errors(1e-4, 0.1).stated(1)) == pytest.approx({"m1": 6.5e-3, "m2": 0.125})
+    stated = Errors(0.1, 1e-4).stated(2, None, 0.01)
+    assert vars(stated) == pytest.approx({"m1": 0.07, "m2": 0.01})
+    stated = Errors(1e-4, 0.1).stated(1, None, 0.1)
+    assert vars(stated) == pytest.approx({"m1": 8e-3, "m2": 0.13})
+
+
+def test_two_meshes_that_agree_by_chance_state_a_part_of_the_difference_before():
+    by_chance = Errors(1e-4, 1e-4)
+    stated = by_chance.stated(2, Errors(0.1, 0.2), 0.01)
+    assert vars(stated) == pytest.approx({"m1": 0.02, "m2": 0.01})
+    assert Errors(0.1, 0.0).stated(2, Errors(0.1, 0.0), 0.01).m1 == pytest.approx(0.07)
+    # Where the mesh before took another branch it says nothing about convergence.
+    assert by_chance.stated(2, Errors(0.31, 0.0), 0.01).m1 == FLOOR[2]
 
 
 # -- what an error leaves open -------------------------------------------------------------------

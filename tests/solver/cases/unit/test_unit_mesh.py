@@ -82,3 +82,16 @@ def test_finer_meshes_are_finer_across_strips_too(strips, curls):
     ]  # fmt: skip
     assert widest[1] <= unit.width / 2 / (4 if curls else 3) * (1 + 1e-9)
     assert widest[1] <= widest[0]
+
+
+@pytest.mark.parametrize("h_ratio", [0.1, 0.5, 1.0, 2.0, 10.0])
+def test_each_level_has_more_elements_through_the_layers(h_ratio):
+    """Two levels alike through the layers agree by chance, and nothing is known of the error."""
+    unit = replace(P, h_ratio=h_ratio)
+    counts = []
+    for level in range(len(unit_mesh.LEVELS)):
+        body = unit_mesh.mesh(unit, level, mirrors=("x", "y"))
+        z = np.unique(np.round(body.nodes[:, 2] / unit.slenderness, 9))
+        counts.append([(z < 1 - 1e-6).sum(), (z > 1 + 1e-6).sum()])
+    # Two planes of nodes per element.
+    assert (np.diff(counts, axis=0) >= 2).all()
