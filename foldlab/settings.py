@@ -109,12 +109,10 @@ def _is_record(hint) -> bool:
     )
 
 
-def numbers(settings: dict[str, Any]) -> dict[str, float]:
-    """Settings whose every value must be a number."""
-    for name, value in settings.items():
-        if isinstance(value, bool) or not isinstance(value, int | float):
-            raise InputError(f"{name} = {value!r}; expected a number")
-    return {name: float(value) for name, value in settings.items()}
+def changed(record: Any) -> list[str]:
+    """Name and value of each field of a dataclass that is not its default, for a version's text."""
+    pairs = ((f, getattr(record, f.name)) for f in dataclasses.fields(record))
+    return [f"{f.name}{value}" for f, value in pairs if value != f.default]
 
 
 def _reason(error: ValidationError) -> str:

@@ -8,7 +8,10 @@ import pytest
 ROOT = Path(__file__).parent.parent
 
 # A room is a folder, or a file beside the folders. Small parts that anybody may use stand first.
-FREE = {"foldlab", "foldlab.errors", "foldlab.design", "foldlab.settings", "foldlab.tables"}
+FREE = {
+    "foldlab", "foldlab.errors", "foldlab.design", "foldlab.settings", "foldlab.tables",
+    "foldlab.quantities", "foldlab.materials",
+}  # fmt: skip
 MAY = {
     "solver": set(),
     "solver.mesh": set(),
@@ -33,6 +36,8 @@ MAY = {
     "foldlab.errors": set(),
     "foldlab.settings": set(),
     "foldlab.tables": set(),
+    "foldlab.quantities": set(),
+    "foldlab.materials": set(),
     "foldlab.plots": set(),
     "foldlab.terminal": set(),
     "foldlab.datasets": set(),

@@ -17,12 +17,14 @@ import typer
 
 import foldlab
 from foldlab.cli import label_verbs
+from foldlab.cli.check import check, materials
 from foldlab.cli.design import design
 from foldlab.cli.outputs import check_file, only_whole, output_folder, trouble
 from foldlab.cli.simulate import simulate
 from foldlab.design import space_named, space_of
 from foldlab.errors import InputError
-from foldlab.settings import build, numbers
+from foldlab.quantities import numbers
+from foldlab.settings import build
 from foldlab.tables import read_table, write_table
 from foldlab.terminal import Given, Json, NotReached, Seed, Space, Workers, emit, err, with_records
 
@@ -265,8 +267,8 @@ def quickstart(
 
 
 for verb in (
-    *(label_verbs.sample, label_verbs.label, label_verbs.export, simulate),
-    *(train, score, map_, augment, tune, design, quickstart),
+    *(check, label_verbs.sample, label_verbs.label, label_verbs.export, simulate),
+    *(train, score, map_, augment, tune, design, materials, quickstart),
 ):
     app.command(verb.__name__.rstrip("_"))(with_records(verb))
 

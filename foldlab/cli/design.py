@@ -10,7 +10,7 @@ import typer
 
 from foldlab.design import space_named
 from foldlab.errors import InputError
-from foldlab.settings import numbers
+from foldlab.quantities import numbers
 from foldlab.terminal import Given, Json, NotReached, Seed, Space, emit, err
 
 

@@ -14,9 +14,10 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from foldlab.cli.check import Made, Need
 from foldlab.cli.outputs import output_folder
 from foldlab.errors import InputError
-from foldlab.settings import numbers
+from foldlab.quantities import numbers
 from foldlab.terminal import Given, Json, NotReached, emit, err
 from foldlab.unit.record import (
     WEIGHT,
@@ -66,12 +67,7 @@ class Solving:
         int, typer.Option(min=0, help="Active strips side by side; 0: a solid layer.")
     ] = 0
     barrier: Annotated[str, typer.Option(help="Ground: surface or exponential.")] = "surface"
-    need: Annotated[
-        float | None,
-        typer.Option(
-            help="Angle in rad that counts as folded; by default π times the contraction."
-        ),
-    ] = None
+    need: Need = None
 
     def source(self, strengths: Strengths, space: DesignSpace, changing: Changing) -> SolverSource:
         """The label source that solves so, and tells what breaks."""
@@ -169,6 +165,7 @@ class Asked:
 def simulate(
     *,
     given: Given,
+    made: Made,
     solving: Solving,
     borne: Borne,
     changed: Changed,
@@ -182,12 +179,15 @@ def simulate(
 
     --set gives the groups (lengths over l_s): E_ratio, h_ratio, hinge_length, aspect, slenderness,
     contraction; rho_ratio and hinge_width are 1 if not given; stiffness_to_weight is needed where
-    gravity acts; strips and strip_share cut the active layer.
+    gravity acts; strips and strip_share cut the active layer. Or SI quantities and materials, as
+    of the verb check.
     """
     from foldlab.labels.foldability import THICK_HINGE, thick_hinge
     from foldlab.labels.forecast import forecast
 
     groups = numbers(given.read())
+    if made.asked(groups):
+        groups = dict(made.unit(groups).groups)
     source = solving.source(borne.strengths(), space_for(groups), changed.changing())
     design = complete(groups, heavy=source.conditions.heavy)
     source.unit(design)

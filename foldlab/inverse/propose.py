@@ -26,9 +26,9 @@ from foldlab.inverse.wish import (
     box_parameters,
     limits_of,
     mass_of,
-    read_materials,
 )
 from foldlab.labels.label import Label, ask
+from foldlab.materials import find_material, read_materials
 
 WALKERS = 4096
 _CLIMBS = 12
@@ -132,13 +132,14 @@ def propose(wish: Wish, classifier=None, n: int = 5, *, seed: int, angle_model=N
     start = time.perf_counter()
     score = Score(wish, classifier, angle_model)
     table = read_materials(wish.materials) if wish.passive or wish.active else None
+    pairs = [_named(table, pair) for pair in wish.pairs]
     regions, failures = [], []
-    for pair in wish.pairs:
+    for pair in pairs:
         try:
             regions.append((pair, Region(wish, limits_of(wish, pair, table))))
         except InputError as error:
             # Without alternatives the names would only repeat what the wish says.
-            name = f"{' + '.join(filter(None, pair))}: " if len(wish.pairs) > 1 else ""
+            name = f"{' + '.join(filter(None, pair))}: " if len(pairs) > 1 else ""
             failures.append(f"{name}{error}")
     if not regions:
         raise InputError("; ".join(dict.fromkeys(failures)))
@@ -318,6 +319,13 @@ def _physical(region: Region, groups: pd.DataFrame, x: np.ndarray) -> pd.DataFra
         elif name in wish.ranges:
             out[name] = out[name].clip(*wish.ranges[name])
     return out
+
+
+def _named(table, pair: tuple[str | None, str | None]) -> tuple[str | None, str | None]:
+    """The table's own names of a passive and an active material."""
+    roles = zip(pair, ("passive", "active"), strict=True)
+    passive, active = (name and find_material(table, name, role) for name, role in roles)
+    return passive, active
 
 
 def _spread(groups, physical, margin, n: int) -> list[int]:

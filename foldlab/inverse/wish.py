@@ -14,7 +14,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from importlib import resources
 from pathlib import Path
 from typing import Literal
 
@@ -32,6 +31,7 @@ from foldlab.design import (
     groups_from_settings,
 )
 from foldlab.errors import InputError
+from foldlab.materials import find_material
 
 # Where a wish leaves a scale open: from tissue to diamond, foam to tungsten, cells to furniture.
 SCALES = {"E_s": (1e2, 1e12), "rho_s": (1.0, 2.5e4), "l_s": (1e-6, 10.0)}
@@ -68,8 +68,9 @@ class Wish:
 
     ``want``: 'foldable', 'flat' (does not fold) or an :class:`Angle`. ``fixed`` and ``ranges``:
     groups (``design.FULL``) and physical quantities (SI, ``design.PHYSICAL``) by name. ``passive``,
-    ``active``: names from the table of ``materials`` (a CSV path; the shipped table if None), whose
-    ranges of E, rho and contraction hold; several names are alternatives. ``max_mass`` in kg; the
+    ``active``: names from the shipped table and that of ``materials`` (a CSV path, see
+    :mod:`foldlab.materials`), whose ranges of E, rho and contraction hold; several names are
+    alternatives. ``max_mass`` in kg; the
     sizes of the flat unit in m, the thickness including the active layer.
 
     ``margin``: half-width, as a fraction of each group's bounds on its own scale (max norm in the
@@ -150,42 +151,6 @@ def _check_value(space: DesignSpace, name: str, value: float) -> None:
         raise InputError(f"{name} = {value:g}; expected a number above 0 in {PHYSICAL[name]}")
 
 
-def read_materials(path: str | Path | None = None) -> pd.DataFrame:
-    """Material ranges by name (columns and units: head of ``foldlab/data/materials.csv``).
-
-    Raises :class:`InputError` for an unreadable file, missing columns, a repeated name, or a range
-    that is no interval above 0.
-    """
-    if path is None:
-        path = resources.files("foldlab") / "data" / "materials.csv"
-    try:
-        with path.open(encoding="utf-8") if not isinstance(path, str) else open(path) as file:
-            table = pd.read_csv(file, comment="#")
-    except (OSError, ValueError) as error:
-        raise InputError(f"materials {path}: {error}; give a readable CSV file") from None
-    ends = [f"{q}_{end}" for q in ("E", "rho", "contraction") for end in ("low", "high")]
-    missing = [c for c in ("name", "role", *ends) if c not in table.columns]
-    if missing or table.empty:
-        raise InputError(
-            f"materials {path}: {len(table)} rows, missing: {', '.join(missing) or 'none'}; "
-            "start from the shipped table"
-        )
-    if table["name"].duplicated().any():
-        raise InputError(f"materials {path}: a name occurs twice; give each row its own")
-    for quantity, roles in (("E", None), ("rho", None), ("contraction", "active")):
-        rows = table if roles is None else table[table["role"] == roles]
-        low, high = (
-            pd.to_numeric(rows[f"{quantity}_{e}"], errors="coerce") for e in ("low", "high")
-        )
-        bad = ~((low > 0) & (low <= high) & (high < np.inf))
-        if bad.any():
-            raise InputError(
-                f"materials {path}: {rows['name'][bad].iloc[0]} has no interval above 0 for "
-                f"{quantity}; give {quantity}_low ≤ {quantity}_high"
-            )
-    return table.set_index("name")
-
-
 @dataclass(frozen=True)
 class Limit:
     """One limit low ≤ Σ powers·log10(variable) ≤ high; ``text`` says it in the user's terms."""
@@ -229,9 +194,7 @@ def limits_of(wish: Wish, pair: tuple[str | None, str | None], table=None) -> li
     ):
         if name is None:
             continue
-        if name not in table.index or table.loc[name, "role"] != role:
-            known = table.index[table["role"] == role]
-            raise InputError(f"no {role} material {name!r}; the table has: {', '.join(known)}")
+        name = find_material(table, name, role)
         for quantity, column in quantities.items():
             low, high = (float(table.loc[name, f"{column}_{end}"]) for end in ("low", "high"))
             limits.append(limit(quantity, low, high, f" ({name})"))

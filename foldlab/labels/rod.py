@@ -18,6 +18,7 @@ from foldlab.labels import verdict as judging
 from foldlab.labels.asked import Conditions
 from foldlab.labels.foldability import Thresholds
 from foldlab.labels.label import Label
+from foldlab.settings import changed
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -41,9 +42,9 @@ class RodSource:
     conditions: Conditions = field(default_factory=Conditions)
     sure: bool = True
     space: DesignSpace = FULL
+    thresholds: Thresholds = field(default_factory=Thresholds)
 
     name: ClassVar[str] = "rod"
-    thresholds: ClassVar[Thresholds] = Thresholds()
 
     def __post_init__(self):
         c = self.conditions
@@ -75,7 +76,8 @@ class RodSource:
     def version(self) -> str:
         """Tells all settings apart that may change an answer."""
         c = self.conditions
-        return "-".join(["1", c.effects.replace(",", "+"), *(["decided"] * (not self.sure))])
+        parts = ["1", c.effects.replace(",", "+"), *(["decided"] * (not self.sure))]
+        return "-".join([*parts, *changed(self.thresholds)])
 
     def label(self, design: Mapping[str, float]) -> Label:
         """Raises :class:`InputError` for a design that is no unit or that no rod is known for."""

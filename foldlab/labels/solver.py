@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
 from foldlab.design import FULL, DesignSpace
@@ -19,7 +19,7 @@ from foldlab.labels.rod import RodSource
 from foldlab.labels.run import Run
 from foldlab.labels.strength import Strengths, breaking, peaks
 from foldlab.labels.timoshenko import TimoshenkoSource
-from foldlab.settings import call
+from foldlab.settings import call, changed
 
 if TYPE_CHECKING:
     from solver.cases.unit.choices import Changes
@@ -104,9 +104,7 @@ class SolverSource:
         parts += [f"pattern{c.strips}x{c.strip_share:g}"] * (c.strips > 0)
         parts += [c.barrier] * (c.barrier != "surface")
         for record in (self.thresholds, self.strengths, self.changing):
-            for f in fields(record):
-                value = getattr(record, f.name)
-                parts += [f"{f.name}{value}"] * (value != f.default)
+            parts += changed(record)
         parts += [f"{effort.refine}{screening.COARSE_ERROR:g}"] * (effort.refine != "always")
         return "-".join(parts)
 

@@ -8,7 +8,7 @@ import pytest
 
 from foldlab.design import REDUCED
 from foldlab.errors import InputError
-from foldlab.settings import build, call, numbers, read_settings
+from foldlab.settings import build, call, changed, read_settings
 from foldlab.tables import read_table, write_table
 
 
@@ -84,12 +84,6 @@ def test_settings_go_flat_into_the_records_of_a_constructor():
         call(Box, {"width": 0}, what="a box")
 
 
-def test_numbers_refuse_text():
-    assert numbers({"a": 1}) == {"a": 1.0}
-    with pytest.raises(InputError, match="a = 'thick'"):
-        numbers({"a": "thick"})
-
-
 @pytest.mark.parametrize("suffix", ["parquet", "csv"])
 def test_tables_come_back_to_the_last_digit(tmp_path, suffix):
     designs = REDUCED.sample(500, seed=0)
@@ -131,3 +125,13 @@ class Refuses:
         raise TypeError("oops")
 
     __str__ = __repr__
+
+
+def test_a_version_tells_the_settings_that_are_not_the_defaults():
+    @dataclass(frozen=True)
+    class Effort:
+        accuracy: float = 0.02
+        need: float | None = None
+
+    assert changed(Effort()) == []
+    assert changed(Effort(0.05, 1.5)) == ["accuracy0.05", "need1.5"]

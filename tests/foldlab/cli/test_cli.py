@@ -193,7 +193,7 @@ BAD = {
         "sample -n 3 -o d.csv --sead 1",
         "sample has: -n, --out,",
     ),
-    "no verb": ("simulat", "No such command 'simulat'; there are: sample, label, export"),
+    "no verb": ("simulat", "No such command 'simulat'; there are: check, sample, label"),
     "far too many designs": ("sample -n 100000000000 -o big.csv", "at most 10000000 designs"),
     "far too many points": ("map m -o a.png --points 1000000000", "a map has at most 10000000"),
     "target above 1": ("augment -o a --target 1.5", "target = 1.5; an accuracy"),

@@ -11,9 +11,10 @@ from foldlab.design import FULL, PATTERNED, REDUCED, to_groups
 from foldlab.errors import InputError
 from foldlab.inverse.propose import confirm, propose
 from foldlab.inverse.region import Region
-from foldlab.inverse.wish import Angle, Wish, limits_of, mass_of, read_materials
+from foldlab.inverse.wish import Angle, Wish, limits_of, mass_of
 from foldlab.labels.label import Label
 from foldlab.labels.timoshenko import TimoshenkoSource, fold_angle
+from foldlab.materials import read_materials
 
 SOURCE = TimoshenkoSource()
 SHEET = {
