@@ -120,7 +120,7 @@ def check_series(path, curves):
         (sets(**{**GROUPS, "stiffness_to_weight": 0}), "stiffness_to_weight = 0; expected"),
         (f"{sets(E_ratio=0.1, aspect=1)} --effects none", "lacks hinge_length, h_ratio, slender"),
         (f"{sets(**GROUPS, gamma=1)}", "no group 'gamma' in the full space"),
-        (f"{sets(**{**GROUPS, 'aspect': 'wide'})}", "aspect = 'wide': expected a plain number or a percentage"),
+        (f"{sets(**{**GROUPS, 'aspect': 'wide'})}", "aspect = 'wide': expected a plain number"),
         (f"{sets(**{**HEAVY, 'hinge_width': 2})}", "hinge_width = 2; expected at most 1"),
         (f"{sets(**HEAVY)} --effects gravity", "effects 'gravity'; expected"),
         (f"{sets(**HEAVY)} --growth sideways", "growth 'sideways'; expected"),
