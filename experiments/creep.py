@@ -103,7 +103,7 @@ def follow(config: Config, model: creep.Model, steps: str, stress: float):
         "resolved": not told,
         "dissipated": path.last.dissipated / stress**2,
         "seconds": seconds,
-        "outcome": path.outcome.value,
+        "outcome": path.reason,
     }
     names = {"model": model.name, "steps": steps, "t": t}
     return row, pd.DataFrame({**names, "axial": strains[:, 0], "lateral": strains[:, 1]})

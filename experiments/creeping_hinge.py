@@ -100,7 +100,7 @@ def follow(config: Config, fraction: float, weight: bool):
         "unknowns": scene.size,
         "steps": len(path.states) - 1,
         "seconds": time.perf_counter() - clock,
-        "outcome": path.outcome.value,
+        "outcome": path.reason,
     }
     names = {"fraction": fraction, "weight": weight, "t": path.times}
     return row, pd.DataFrame({**names, "angle": angles})

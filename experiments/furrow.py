@@ -109,13 +109,13 @@ def follow(config: Config, model: Model, mesh: str):
     stepper = TimeSteps(1e-6, dt, order=config.order)
     nothing = np.zeros((len(model.body.nodes), 3))
     path = [{"t": 0.0, "load": 0.0, **asdict(model.measure(nothing)), "dissipated": 0.0}]
-    shapes, iterations, outcome = [(0.0, nothing)], 0, None
+    shapes, iterations, outcome, detail = [(0.0, nothing)], 0, None, ""
     walk = march(scene, start(scene), stepper, until=config.t_fin, load=ramp(config.t_fin))
     while outcome is None:
         try:
             state = next(walk)
         except StopIteration as stop:
-            outcome = stop.value
+            outcome, detail = stop.value
             break
         u = scene.displacement(state.x, state.e)
         iterations += state.iterations
@@ -134,7 +134,7 @@ def follow(config: Config, model: Model, mesh: str):
         "iterations": iterations,
         "seconds": time.perf_counter() - clock,
         "peak_memory_mb": resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024,
-        "outcome": outcome.value,
+        "outcome": f"{outcome.value}; {detail}" if detail else outcome.value,
     }
     return row, pd.DataFrame(path), shapes
 

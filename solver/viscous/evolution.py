@@ -132,15 +132,25 @@ class State:
 
 @dataclass(frozen=True)
 class History:
-    """Accepted states and why the path in time ended."""
+    """Accepted states and why the path in time ended.
+
+    ``detail``: what the last attempt to go on failed at, in words; empty where it ended on its
+    time.
+    """
 
     states: tuple[State, ...]
     outcome: Outcome
+    detail: str = ""
 
     @property
     def last(self) -> State:
         """The last accepted state."""
         return self.states[-1]
+
+    @property
+    def reason(self) -> str:
+        """Why the path ended, in words: the outcome's sentence and the detail."""
+        return f"{self.outcome.value}; {self.detail}" if self.detail else self.outcome.value
 
     @property
     def reached(self) -> bool:
@@ -168,8 +178,9 @@ def march(
     load: Callable[[float], float] = lambda t: t,
     breaks: Sequence[float] = (),
     max_steps: int = 100_000,
-) -> Generator[State, None, Outcome]:
-    """Yield the accepted states after ``state`` up to the time ``until``; returns the Outcome.
+) -> Generator[State, None, tuple[Outcome, str]]:
+    """Yield the accepted states after ``state`` up to the time ``until``; returns the Outcome and
+    what the last attempt failed at, in words.
 
     ``load``: e of the time, which loads and growth see. ``breaks``: times at which a load jumps;
     a step ends on each of them and still sees what was before the jump, and the next one starts
@@ -192,13 +203,13 @@ def march(
     for _ in range(max_steps):
         target = next(s for s in stops if s > state.t)
         following = _advance(scene, state, stepper, target, load, jumps)
-        if isinstance(following, Outcome):
+        if not isinstance(following, State):
             return following
         state = following
         yield state
         if state.t == until:
-            return Outcome.REACHED
-    return Outcome.MAX_STEPS
+            return Outcome.REACHED, ""
+    return Outcome.MAX_STEPS, f"at t = {state.t:.6g} of {until:.6g}"
 
 
 def evolve(scene: Scene, state: State, stepper: TimeSteps, **options) -> History:
@@ -209,7 +220,7 @@ def evolve(scene: Scene, state: State, stepper: TimeSteps, **options) -> History
         try:
             states.append(next(walk))
         except StopIteration as stop:
-            return History(tuple(states), stop.value)
+            return History(tuple(states), *stop.value)
 
 
 def stepped(scene: Scene, before: State, after: State) -> Scene:
@@ -280,9 +291,9 @@ def _pasts(state: State, dt: float, order: int) -> list[Past]:
     return [Past(memory, dt, earlier, state.t - last.t) for memory, earlier in pairs]
 
 
-def _advance(scene, state, stepper, target, load, jumps) -> State | Outcome:
+def _advance(scene, state, stepper, target, load, jumps) -> State | tuple[Outcome, str]:
     step = state.step if state.step > 0 else stepper.step
-    spent, failed = 0, None
+    spent, failed, t = 0, None, state.t
     while step >= stepper.smallest * stepper.step:
         remaining = target - state.t
         # The last two steps are equal; fixed steps keep to their size.
@@ -313,16 +324,35 @@ def _advance(scene, state, stepper, target, load, jumps) -> State | Outcome:
                 past=() if landed else attempt.past,
                 iterations=attempt.iterations + spent,
             )
-        failed, cost = attempt
-        spent += cost
+        failed = attempt
+        spent += failed.iterations
         step = dt / 4
-    return failed if failed is Outcome.DISSIPATION else Outcome.MIN_STEP
+    if failed is None:
+        return Outcome.MIN_STEP, f"no step from t = {state.t:.6g} keeps to the tolerance"
+    if failed.outcome is Outcome.DISSIPATION:
+        return failed.outcome, f"at t = {state.t:.6g}"
+    return Outcome.MIN_STEP, f"the last try, to t = {t:.6g}, failed: {failed.why()}"
 
 
-def _attempt(scene, state, stepper, t, dt, e) -> State | tuple[Outcome, int]:
+@dataclass(frozen=True, eq=False)
+class _Failed:
+    """An attempt that came to no state: where it ended, x at e of the scene over the step."""
+
+    outcome: Outcome
+    iterations: int
+    scene: Scene
+    x: np.ndarray
+    e: float
+
+    def why(self) -> str:
+        """In words, as far as the state tells."""
+        return self.scene.obstacle(self.x, self.e) or self.outcome.value
+
+
+def _attempt(scene, state, stepper, t, dt, e) -> State | _Failed:
     """The step to t, with second order where that is possible."""
     spent = 0
-    failed = Outcome.NOT_CONVERGED
+    failed = _Failed(Outcome.NOT_CONVERGED, 0, scene, state.x, e)
     for order in range(min(stepper.order, 1 + len(state.past)), 0, -1):
         pasts = _pasts(state, dt, order)
         if not all(past.sound for past in pasts):
@@ -335,15 +365,15 @@ def _attempt(scene, state, stepper, t, dt, e) -> State | tuple[Outcome, int]:
                 unstable=0, fresh=False,
             )  # fmt: skip
             spent += result.iterations
-            failed = result.outcome
+            failed = _Failed(result.outcome, spent, now, result.x, e)
             if result.converged:
                 break
         else:
-            return failed, spent
+            return failed
         u = scene.displacement(result.x, e)
         memories = tuple(term.memory(u, e) for term in following)
         if any(memory is None for memory in memories):
-            return Outcome.INADMISSIBLE, spent
+            return replace(failed, outcome=Outcome.INADMISSIBLE)
         level = Level(t, result.x, memories)
         losses = [term.dissipation(m, e) for term, m in zip(following, memories, strict=True)]
         works = [work for _, work in losses]
@@ -356,14 +386,14 @@ def _attempt(scene, state, stepper, t, dt, e) -> State | tuple[Outcome, int]:
             default=0.0,
         )
         if not _dissipates(works, worked, order):
-            failed = Outcome.DISSIPATION
+            failed = replace(failed, outcome=Outcome.DISSIPATION)
             continue
         past = (state.level, *state.past)[:3]
         return State(
             level, past, e, state.index + 1, 0.0, dt, order, spent,
             _error(level, past, order), state.dissipated + taken, least,
         )  # fmt: skip
-    return failed, spent
+    return failed
 
 
 def _dissipates(works, total, order) -> bool:

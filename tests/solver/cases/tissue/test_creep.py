@@ -13,7 +13,10 @@ from solver.cases.tissue import creep
 from solver.equilibrium.newton import Outcome
 from solver.equilibrium.reactions import reaction
 from solver.equilibrium.scene import Scene
+from solver.mesh.body import Body
+from solver.mesh.structured import box
 from solver.output import cell_fields
+from solver.physics.growth import Isotropic
 from solver.physics.supports import Fixed
 from solver.viscous.evolution import (
     State,
@@ -311,6 +314,22 @@ def test_a_dashpot_that_gives_energy_ends_the_path(monkeypatch):
     path = evolve(scene, now, TimeSteps(1e-9, 1e-3), until=2e-3)
     assert path.outcome is Outcome.DISSIPATION and len(path.states) == 1
     assert "gave energy" in path.outcome.value
+    assert path.detail == "at t = 0" and path.reason == f"{path.outcome.value}; at t = 0"
+
+
+def test_a_path_in_time_says_what_its_last_try_failed_at():
+    # Growth that leaves nothing of the body at t = 0.5.
+    body = Body.build(box([0, 1], [0, 1], [0, 1]), "hex8")
+    term = Viscous(body, SLS(1.0, 1.0, 0.3, 1.0), dt=0.1, growth=Isotropic(lambda e: -2 * e))
+    planes = [Fixed(np.flatnonzero(body.nodes[:, k] < 1e-12), np.eye(3)[k]) for k in range(3)]
+    scene = Scene(body, [term], fixed=planes)
+    path = evolve(scene, start(scene), TimeSteps(1e-9, 0.1, tolerance=1e-2), until=1.0)
+    assert path.outcome is Outcome.MIN_STEP and 0.4 < path.last.t < 0.5
+    assert path.detail.startswith("the last try, to t = 0.") and "failed: " in path.detail
+    assert "viscous" in path.detail or "growth" in path.detail
+    assert path.reason == f"{path.outcome.value}; {path.detail}"
+    short = evolve(scene, start(scene), TimeSteps(1e-9, 0.01, 0.1), until=0.3, max_steps=3)
+    assert short.outcome is Outcome.MAX_STEPS and short.detail.endswith(" of 0.3")
 
 
 def test_too_large_a_load_step_is_shortened():
