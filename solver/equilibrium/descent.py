@@ -132,8 +132,8 @@ def descend(
             except SingularMatrix:
                 return result(Outcome.SINGULAR)
             continue
-        share = min(longest, reach / correction, 1.0)
-        step = downhill(scene, system, here, e, dx, share)
+        fraction = min(longest, reach / correction, 1.0)
+        step = downhill(scene, system, here, e, dx, fraction)
         if not isinstance(step, Step):
             if shift == 0 and roundoff(system.left_over, factor.solve, dx, size):
                 return result(Outcome.ILL_CONDITIONED)
@@ -141,26 +141,30 @@ def descend(
                 return result(Outcome.STAGNATED)
             break
         if shift == 0:
-            here, left = chords(residual, factor.solve, step, size, rtol, moved=moved)
-            if left <= rtol:
-                correction = left
+            here, last = chords(residual, factor.solve, step, size, rtol, moved=moved)
+            if last <= rtol:
+                correction = last
         else:
             here = step.z
             # A full step says that the shifted model is good: lean on it less.
             shift *= 0.25 if step.fraction >= 1 else 1.0
     try:
         if iterations >= max_iterations:
-            return _doubted(scene, result(Outcome.NO_STABLE_STATE))
-        return _doubted(
-            scene, _flow(scene, here, e, rtol, reach, max_iterations, iterations, shift)
-        )
+            return _doubted(scene, result(Outcome.NO_STABLE_STATE), x)
+        flown = _flow(scene, here, e, rtol, reach, max_iterations, iterations, shift)
+        return _doubted(scene, flown, x)
     except SingularMatrix:
         return result(Outcome.SINGULAR)
 
 
-def _doubted(scene: Scene, result: NewtonResult) -> NewtonResult:
-    """The result; where nothing came of it, and solves there are roundoff, with that outcome."""
-    system = None if result.converged else scene.system(result.x, result.e)
+def _doubted(scene: Scene, result: NewtonResult, start: np.ndarray) -> NewtonResult:
+    """The result; where nothing came of it, and solves there are roundoff, with that outcome.
+
+    ``start``: where to look instead of a result that is not admissible.
+    """
+    if result.converged:
+        return result
+    system = scene.system(result.x, result.e) or scene.system(start, result.e)
     if system is None:
         return result
     push = np.random.default_rng(0).standard_normal(scene.size)
@@ -184,35 +188,39 @@ class _Drag:
         return 0.5 * self._drag * float(d @ d), self._drag * d
 
     def system(self, x, e):
-        found = self._scene.system(x, e)
-        if found is None:
+        system = self._scene.system(x, e)
+        if system is None:
             return None
         energy, force = self._pull(x)
-        return found.plus(self._drag, force, energy)
+        return system.plus(self._drag, force, energy)
 
     def residual(self, x, e):
         R = self._scene.residual(x, e)
         return None if R is None else R + self._pull(x)[1]
 
     def gradient(self, x, e):
-        found = self._scene.gradient(x, e)
-        if found is None:
+        gradient = self._scene.gradient(x, e)
+        if gradient is None:
             return None
         energy, force = self._pull(x)
-        return found[0] + energy, found[1] + force
+        return gradient[0] + energy, gradient[1] + force
 
 
 def _flow(scene, x, e, rtol, reach, max_iterations, spent, drag) -> NewtonResult:
     """Implicit gradient flow from x until plain Newton reaches a stable equilibrium."""
     n, length = scene.n_free, scene.scales.length
     system = scene.system(x, e)
+    last = NewtonResult(x, e, Outcome.NO_STABLE_STATE, spent, np.inf, np.inf, system)
+    # A body so thin that its energy is roundoff may be admissible to a line search only.
+    lost = replace(last, outcome=Outcome.INADMISSIBLE)
+    if system is None:
+        return lost
     _, first, more = _definite(scene, system, drag)
     drag, spent = max(first, drag), spent + more
     if drag == 0:
         value, _ = critical_mode(scene, system.factorise(), sweeps=4)
         drag = abs(value)
     velocity, failed = np.zeros(scene.size), 0
-    last = NewtonResult(x, e, Outcome.NO_STABLE_STATE, spent, np.inf, np.inf, system)
     while spent < max_iterations and failed < 12:
         step = newton(
             _Drag(scene, x, drag), _ahead(scene, x, velocity / drag, e), e,
@@ -220,9 +228,9 @@ def _flow(scene, x, e, rtol, reach, max_iterations, spent, drag) -> NewtonResult
         )  # fmt: skip
         spent += step.iterations + 1
         moved = largest(step.x[:n] - x[:n]) / length
-        found = scene.energy(step.x, e)
+        energy = scene.energy(step.x, e)
         # Differences of a thin body's energy are roundoff to ~1e-6 of it.
-        falls = found <= system.energy + 1e-6 * abs(system.energy)
+        falls = energy <= system.energy + 1e-6 * abs(system.energy)
         if not (falls and 0 < moved <= 3 * reach):
             drag, failed = 8 * drag, failed + 1
             # After Newton's method has moved on, the pace is another place's and may overshoot.
@@ -235,18 +243,22 @@ def _flow(scene, x, e, rtol, reach, max_iterations, spent, drag) -> NewtonResult
         settled = step.outcome in (Outcome.CONVERGED, Outcome.STAGNATED)
         drag *= (0.3 if moved < reach else 1.0) if settled else 2.0
         x, system = step.x, scene.system(step.x, e)
+        if system is None:
+            return replace(lost, x=x, iterations=spent)
         if system.unstable == 0:
             plain = newton(scene, x, e, rtol=rtol, max_iterations=8, unstable=0)
             spent += plain.iterations
             if largest(plain.x[:n] - x[:n]) / length <= 3 * reach:
                 if plain.converged and plain.system.unstable == 0:
                     return replace(plain, iterations=spent)
-                found = scene.energy(plain.x, e)
-                if found < system.energy:
-                    x, system = plain.x, scene.system(plain.x, e)
+                lower = scene.system(plain.x, e)
+                if lower is not None and lower.energy < system.energy:
+                    x, system = plain.x, lower
         elif moved <= rtol:
             x, velocity = _off_saddle(scene, system, x, e, rtol), 0 * velocity
             system = scene.system(x, e)
+            if system is None:
+                return replace(lost, x=x, iterations=spent)
     return replace(last, x=x, iterations=spent)
 
 
@@ -299,9 +311,9 @@ def _off_saddle(scene: Scene, system: System, x: np.ndarray, e: float, rtol: flo
     for amount in (1e-3, 1e-2, 1e-4, 1e-5, 10 * rtol):
         sides = []
         for side in (1.0, -1.0):
-            found = scene.energy(x + side * amount * mode, e)
-            if found is not None and found < system.energy:
-                sides.append((found, side))
+            energy = scene.energy(x + side * amount * mode, e)
+            if energy is not None and energy < system.energy:
+                sides.append((energy, side))
         if sides:
             return x + min(sides)[1] * amount * mode
     return x + 1e-4 * mode

@@ -18,7 +18,7 @@ from solver.paths.stable import StableSteps
 from solver.paths.steppers import ArcLength, LoadSteps
 from solver.physics.elastic import Elastic
 from solver.physics.growth import Isotropic
-from solver.physics.loads import PointLoad
+from solver.physics.loads import PointLoad, Traction
 from solver.physics.materials import NeoHookean
 from solver.physics.supports import Fixed
 from solver.physics.term import Evaluation
@@ -203,6 +203,20 @@ def test_a_body_too_thin_for_floating_point_numbers_is_called_that(element, h):
         assert path.outcome is Outcome.ILL_CONDITIONED
         assert "far too thin" in path.reason
     assert newton(scene, rest(scene), 0.1, rtol=1e-8).outcome is not Outcome.CONVERGED
+
+
+@pytest.mark.parametrize("h", [1e-5, 1e-6])
+def test_a_fall_that_roundoff_leads_out_of_what_is_admissible_is_no_crash(h):
+    """A wider strip whose line searches are roundoff: states that they took were not admissible,
+    and the fall went on from None."""
+    body = Body.build(box(np.linspace(0, 1, 17), [0, 5 * h], [0, h]), "hex27")
+    stiffness = 5 * h * h**3 / 12
+    end = body.surface("x+")
+    pull = Traction(body, end, lambda e: np.array([0, 0, e * 0.9 * stiffness / (5 * h * h)]))
+    fixed = [Fixed(np.flatnonzero(body.nodes[:, 0] < 1e-12), axis) for axis in AXES]
+    scene = Scene(body, [Elastic(body, NeoHookean(1.0, 0.3)), pull], fixed=fixed)
+    path = trace(scene, rest(scene), StableSteps(LoadSteps(1e-6, 0.25), locate=False), max_steps=9)
+    assert path.outcome is Outcome.ILL_CONDITIONED and not path.points
 
 
 def test_a_thin_body_that_floating_point_numbers_can_solve_is_solved():
