@@ -20,7 +20,7 @@ import numpy as np
 from solver.equilibrium import checks
 from solver.equilibrium.linear import Factor
 from solver.equilibrium.pattern import Frame
-from solver.equilibrium.sections import Sections
+from solver.equilibrium.sections import FreeSections, Sections
 from solver.mesh.body import Body, NodeGraph
 from solver.mesh.given import number, one_of
 from solver.physics.fields import Unphysical
@@ -138,11 +138,11 @@ class Scene:
         scales: Scales | None = None,
         linear: str = "auto",
         frame: Frame | None = None,
-        sections: Sections | None = None,
+        sections: Sections | FreeSections | None = None,
     ):
         """``frame``: instead of ``fixed``, ``tied``, ``rows`` and ``linear``, another scene's.
-        ``sections`` of a slender body, which turn in a step instead of moving straight on; they
-        know of no rows.
+        ``sections`` of a slender body, which turn in a step instead of moving straight on; rows
+        that a straight step would keep are then left by as much as it turns, squared.
 
         Raises ValueError for terms of another body or none with stiffness, and for supports and
         rows that contradict or repeat each other or leave nothing free.

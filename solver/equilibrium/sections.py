@@ -10,6 +10,7 @@ w_k, and the line of their centres c_k follows:
 with w_k the turn that fits du in the section best, w̄ the mean of two neighbours; rest and stretch
 are what du does beyond. Both ways agree to first order, so nothing changes close to the solution.
 They are the coordinates in which rods are solved (Simo and Vu-Quoc 1986).
+A body that twists turns its sections about any axis: w_k is a rotation vector then.
 """
 
 from __future__ import annotations
@@ -49,6 +50,125 @@ class Sections:
 
     def _lowest(self, X: np.ndarray) -> int:
         return int(self.of[np.argmin(X[:, 2])]) if self.grounded else self.middle
+
+
+@dataclass(frozen=True, eq=False)
+class FreeSections:
+    """As :class:`Sections`, by turns about any axis, or about a single one of x, y, z (``about``).
+
+    A mirror plane that the body is cut at leaves its sections fewer axes than a fit would give.
+    """
+
+    of: np.ndarray = field(repr=False)
+    middle: int
+    grounded: bool
+    about: tuple[int, ...] = (0, 1, 2)
+
+    @classmethod
+    def across(
+        cls, nodes: np.ndarray, *, grounded: bool, about: tuple[int, ...] = (0, 1, 2)
+    ) -> FreeSections:
+        """Of a body whose nodes (n, 3) lie in planes y = const, some in each."""
+        plain = Sections.across(nodes, grounded=grounded)
+        return cls(plain.of.ravel(), plain.middle, grounded, about)
+
+    def moved(self, X: np.ndarray, du: np.ndarray) -> np.ndarray:
+        """Displacement (n, 3) from the positions X (n, 3) that a step du (n, 3) leads to."""
+        c, d = self._centres(X), self._centres(du)
+        r, rest = X - c[self.of], du - d[self.of]
+        w = self._turns(r, rest)
+        mean, line = (w[1:] + w[:-1]) / 2, np.diff(c, axis=0)
+        lines = _turned(mean, line + np.diff(d, axis=0) - np.cross(mean, line))
+        new = self._chained(c + d, lines, X)
+        of_node = w[self.of]
+        return new[self.of] - X + _turned(of_node, r + rest - np.cross(of_node, r))
+
+    def step(self, X: np.ndarray, Y: np.ndarray) -> np.ndarray:
+        """The step du (n, 3) that leads from the positions X to the positions Y, (n, 3)."""
+        c, d = self._centres(X), self._centres(Y)
+        r, q = X - c[self.of], Y - d[self.of]
+        w = self._rotations(r, q)
+        for direction in (1, -1):
+            # No section turns by more than π against its neighbour.
+            s = self.middle + direction
+            while 0 <= s < len(w):
+                w[s] = _nearest(w[s], w[s - direction])
+                s += direction
+        mean, line = (w[1:] + w[:-1]) / 2, np.diff(c, axis=0)
+        lines = np.cross(mean, line) + _turned(-mean, np.diff(d, axis=0)) - line
+        shift = self._chained(d - c, lines, X)
+        of_node = w[self.of]
+        return shift[self.of] + np.cross(of_node, r) + _turned(-of_node, q) - r
+
+    def _sums(self, values: np.ndarray) -> np.ndarray:
+        """Over the nodes (n, …) of each section."""
+        flat = values.reshape(len(values), -1)
+        sums = [np.bincount(self.of, column) for column in flat.T]
+        return np.stack(sums, axis=1).reshape(-1, *values.shape[1:])
+
+    def _centres(self, X: np.ndarray) -> np.ndarray:
+        return self._sums(X) / np.bincount(self.of)[:, None]
+
+    def _turns(self, r: np.ndarray, rest: np.ndarray) -> np.ndarray:
+        """The rotation vectors that fit displacements of the sections best: Σ r × (rest − w × r)
+        vanishes."""
+        k = list(self.about)
+        moments = self._sums(np.cross(r, rest))
+        square = (r * r).sum(axis=1)[:, None, None] * np.eye(3)
+        inertia = self._sums(square - r[:, :, None] * r[:, None, :])
+        w = np.zeros_like(moments)
+        w[:, k] = np.linalg.solve(inertia[:, k][:, :, k], moments[:, k, None])[:, :, 0]
+        return w
+
+    def _rotations(self, r: np.ndarray, q: np.ndarray) -> np.ndarray:
+        """The rotation vectors w with no turn left: Σ r × R(−w) q vanishes in the axes allowed."""
+        if len(self.about) == 1:
+            (k,) = self.about
+            i, j = (k + 1) % 3, (k + 2) % 3
+            sine = self._sums(r[:, i] * q[:, j] - r[:, j] * q[:, i])
+            cosine = self._sums(r[:, i] * q[:, i] + r[:, j] * q[:, j])
+            w = np.zeros((len(sine), 3))
+            w[:, k] = np.arctan2(sine, cosine)
+            return w
+        # The polar factor (Kabsch 1976); a flat section leaves the sign of its normal open.
+        U, _, V = np.linalg.svd(self._sums(q[:, :, None] * r[:, None, :]))
+        U[:, :, 2] *= np.sign(np.linalg.det(U @ V))[:, None]
+        return _vectors(U @ V)
+
+    def _chained(self, ends: np.ndarray, lines: np.ndarray, X: np.ndarray) -> np.ndarray:
+        """Centres from one to the next, standing where ``ends`` has the middle one; in z the
+        lowest, where the body stands on a ground."""
+        new = np.concatenate([np.zeros((1, 3)), np.cumsum(lines, axis=0)])
+        low = self.of[np.argmin(X[:, 2])] if self.grounded else self.middle
+        at = np.array([self.middle, self.middle, low])
+        return new + (ends - new)[at, np.arange(3)]
+
+
+def _turned(w: np.ndarray, v: np.ndarray) -> np.ndarray:
+    """Vectors v (n, 3) turned by rotation vectors w (n, 3): Rodrigues' formula."""
+    angle = np.linalg.norm(w, axis=1)[:, None]
+    across = np.cross(w, v)
+    half = np.sinc(angle / (2 * np.pi))
+    return v + np.sinc(angle / np.pi) * across + half**2 / 2 * np.cross(w, across)
+
+
+def _vectors(R: np.ndarray) -> np.ndarray:
+    """Rotation vectors (n, 3) of rotations (n, 3, 3), no longer than π."""
+    axis = np.stack(
+        [R[:, 2, 1] - R[:, 1, 2], R[:, 0, 2] - R[:, 2, 0], R[:, 1, 0] - R[:, 0, 1]], axis=1
+    )
+    sine = np.linalg.norm(axis, axis=1) / 2
+    angle = np.arctan2(sine, (np.trace(R, axis1=1, axis2=2) - 1) / 2)
+    return axis * np.where(sine < 1e-9, 0.5, angle / np.maximum(2 * sine, 1e-300))[:, None]
+
+
+def _nearest(w: np.ndarray, other: np.ndarray) -> np.ndarray:
+    """Of the vectors (3,) of one rotation the one nearest to another vector."""
+    angle = np.linalg.norm(w)
+    if angle == 0:
+        return w
+    axis = w / angle
+    return w + 2 * np.pi * np.round((other @ axis - angle) / (2 * np.pi)) * axis
 
 
 @numba.njit(cache=True)

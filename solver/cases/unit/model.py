@@ -26,7 +26,7 @@ from solver.cases.unit.curves import Curves
 from solver.cases.unit.unit import GROWTHS, Unit
 from solver.equilibrium.clock import Deadline, Timed
 from solver.equilibrium.scene import Scene
-from solver.equilibrium.sections import Sections
+from solver.equilibrium.sections import FreeSections, Sections
 from solver.mesh.body import Body
 from solver.physics.elastic import Elastic
 from solver.physics.ground import Ground, GroundExponential
@@ -174,9 +174,7 @@ def build(
     if watch.clock is not None:
         terms = [Timed(t, watch.clock) for t in terms]
     u = np.zeros_like(body.nodes) if about is None else about(body)
-    sections = None
-    if meshing.structured and len(supports.mirrors) == 2:
-        sections = Sections.across(body.nodes, grounded=physics.heavy)
+    sections = _sections(body, supports.mirrors, physics.heavy) if meshing.structured else None
     scene = Scene(body, terms, sections=sections, **_held(body, supports, physics.heavy, u))
     if watch.deadline is not None:
         # Scales are an evaluation too, and a model must come of it however late it is.
@@ -259,6 +257,13 @@ def _ground(
         return X[:, 2] < low if supports.upright else (np.abs(X[:, cut]) > 1e-9).all(axis=1)
 
     return Ground(body, body.surface(touching), thickness=unit.slenderness, pressure=hinge)
+
+
+def _sections(body: Body, mirrors: tuple[str, ...], heavy: bool) -> Sections | FreeSections:
+    if len(mirrors) == 2:
+        return Sections.across(body.nodes, grounded=heavy)
+    about = (0,) if "x" in mirrors else (0, 1, 2)
+    return FreeSections.across(body.nodes, grounded=heavy, about=about)
 
 
 def _contact(unit: Unit, body: Body) -> Ground:

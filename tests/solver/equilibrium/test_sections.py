@@ -2,13 +2,14 @@
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from solver.cases.unit.choices import Meshing, Physics, Supports
 from solver.cases.unit.model import build
 from solver.cases.unit.unit import Unit
 from solver.equilibrium.newton import newton
 from solver.equilibrium.scene import Scene
-from solver.equilibrium.sections import Sections
+from solver.equilibrium.sections import FreeSections, Sections
 from solver.paths.steppers import LoadSteps
 
 UNIT = Unit(
@@ -102,3 +103,74 @@ def test_predictions_follow_the_turning():
             point = stepper.advance(scene, point, None)
         guesses[name] = np.abs(used.residual(stepper.guess(used, point, 0.4), 0.4)).max()
     assert guesses["turning"] < 0.1 * guesses["straight"]
+
+
+def twisted(X, turn=1.0):
+    """A step that bends, twists and sways: its ends turn by some 2 rad about three axes."""
+    x, y, z = X.T
+    w = turn * np.stack([2.0 * y, 3.0 * y**2, 1.0 * y], axis=1)
+    sway = np.stack([0.1 * y**2, 0.1 * x * y, 0.2 * y**2 + x * z], axis=1)
+    return np.cross(w, X) + sway
+
+
+FREE = {"any": (0, 1, 2), "about x": (0,)}
+
+
+@pytest.mark.parametrize("grounded", [False, True])
+@pytest.mark.parametrize("about", FREE.values(), ids=FREE)
+def test_the_step_to_a_twisted_state_leads_there(grounded, about):
+    X = build(UNIT, Meshing(0), supports=Supports(())).body.nodes
+    sections = FreeSections.across(X, grounded=grounded, about=about)
+    du = twisted(X)
+    moved = sections.moved(X, du)
+    assert np.abs(moved - du).max() > 0.1
+    assert sections.step(X, X + moved) == pytest.approx(du, abs=1e-12)
+    further = sections.moved(X + moved, 0.8 * du)
+    assert sections.step(X + moved, X + moved + further) == pytest.approx(0.8 * du, abs=1e-12)
+    # Ends that turn by more than π.
+    du = twisted(X, turn=4.0)
+    assert sections.step(X, X + sections.moved(X, du)) == pytest.approx(du, abs=1e-12)
+
+
+def test_sections_that_may_turn_about_any_axis_set_out_straight():
+    X = build(UNIT, Meshing(0), supports=Supports(())).body.nodes
+    sections, du = FreeSections.across(X, grounded=False), twisted(X)
+    off = [np.abs(sections.moved(X, h * du) - h * du).max() for h in (1e-2, 1e-3)]
+    assert off[0] / off[1] == pytest.approx(100, rel=0.02)
+
+
+@pytest.mark.parametrize("grounded", [False, True])
+def test_turns_about_one_axis_are_those_of_sections_in_a_plane(grounded):
+    X = build(UNIT, Meshing(0)).body.nodes
+    du = bent(X)
+    plain = Sections.across(X, grounded=grounded)
+    free = FreeSections.across(X, grounded=grounded, about=(0,))
+    # Those that stay in their plane keep their x straight, and so do these.
+    assert free.moved(X, du) == pytest.approx(plain.moved(X, du), abs=1e-14)
+    assert free.step(X, X + du) == pytest.approx(plain.step(X, X + du), abs=1e-14)
+
+
+def test_any_rigid_turn_stays_rigid_and_stands_where_it_stood():
+    X = build(UNIT, Meshing(0), supports=Supports(())).body.nodes
+    w = np.array([1.5, -0.8, 0.6])
+    moved = FreeSections.across(X, grounded=False).moved(X, np.cross(w, X))
+    R = Rotation.from_rotvec(w).as_matrix()
+    middle = X[np.abs(X[:, 1]) < 1e-9].mean(axis=0)
+    expected = (X - middle) @ R.T + middle + np.cross(w, middle)
+    assert X + moved == pytest.approx(expected, abs=1e-13)
+    # The section whose node lies lowest keeps the height that the step gives its centre.
+    moved = FreeSections.across(X, grounded=True).moved(X + 0.1 * X[:, [1, 2, 1]], np.cross(w, X))
+    ends = X[:, 1] < -0.5 + 1e-9
+    assert moved[ends, 2].mean() == pytest.approx(np.cross(w, X)[ends, 2].mean(), abs=1e-14)
+
+
+@pytest.mark.parametrize("mirrors", [("turn",), ("y",), ("x",), ()])
+def test_a_thin_sheet_without_both_mirror_planes_bends_in_a_few_iterations(mirrors):
+    # Straight steps take 36 for this.
+    model = build(UNIT, Meshing(0, curls=True), Physics(()), Supports(mirrors))
+    quarter = build(UNIT, Meshing(0, curls=True), Physics(()))
+    found = newton(model.scene, np.zeros(model.scene.size), 0.1, rtol=1e-8, unstable=0)
+    assert found.converged and found.iterations <= 8
+    same = newton(quarter.scene, np.zeros(quarter.scene.size), 0.1, rtol=1e-8, unstable=0)
+    share = 4 if mirrors == () else 2
+    assert found.system.energy == pytest.approx(share * same.system.energy, rel=1e-8)

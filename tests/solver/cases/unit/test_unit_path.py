@@ -117,12 +117,16 @@ def test_a_path_that_ends_while_it_loses_a_symmetry_ends_in_its_last_state(monke
 def test_a_noisy_path_on_arc_length_lands_on_the_contraction():
     unit = replace(P, contraction=0.06)
     want = angle(reached(build(unit, Meshing(COARSEST), Physics(()))))
-    whole = build(unit, Meshing(COARSEST), Physics(()), Supports(()))
-    steps, arcs = (reached(whole, noise=(1e-3, 1), arc=arc) for arc in (False, True))
+
+    def whole():
+        # Anew for each path: pivots depend on which matrices a scene's solver has met before.
+        return build(unit, Meshing(COARSEST), Physics(()), Supports(()))
+
+    steps, arcs = (reached(whole(), noise=(1e-3, 1), arc=arc) for arc in (False, True))
     for found in (steps, arcs):
         assert found.last.e == 1.0 and angle(found) == pytest.approx(want, rel=1e-6)
     assert [s.e for s in arcs.states] != [s.e for s in steps.states]
-    again = reached(whole, noise=(1e-3, 1), arc=True)
+    again = reached(whole(), noise=(1e-3, 1), arc=True)
     assert np.array_equal(again.x, arcs.x)
 
 
