@@ -24,11 +24,11 @@ CURVE_POINTS = np.linspace(0, 999, 28).round().astype(int)
 
 # Stated error of m1 over what two meshes differ by, and the least that is stated, by the finer of
 # them: they may agree by chance. Chosen on designs of experiments/accuracy_calibration.py of seeds
-# 0 and 1, and looked at with others.
+# 0 and 1; of 109 others, of seed 3, m1 kept it for 95 % and m2 for 99 %.
 MARGIN = {1: 1.3, 2: 0.7, 3: 0.7}
-FLOOR = {1: 8e-3, 2: 5.5e-3, 3: 2e-3}
+FLOOR = {1: 9e-3, 2: 5.5e-3, 3: 2e-3}
 # What remains of a difference of m1 on the next mesh.
-KEPT = 0.2
+KEPT = 0.25
 # The same of m2, and its least over |g|π by the elements across half the hinge: with one of them
 # both meshes miss the bending at its free edges alike.
 MARGIN_ACROSS = 1.3
