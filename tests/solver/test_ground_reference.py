@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 import reference_structures as case
 
-from solver.paths.continuation import follow, load
+from solver.paths.continuation import follow, load, trace
 from solver.paths.stable import StableSteps
 from solver.paths.steppers import LoadSteps
 
@@ -101,3 +101,18 @@ def test_weight_makes_folding_snap_over_and_back():
     turning, angle = turning_point(scene, down)
     assert turning == pytest.approx(1.503763, rel=2e-3)
     assert angle == pytest.approx(2.424700, rel=5e-3)
+
+
+@pytest.mark.parametrize(("curvature", "weight"), [(5, 2), (10, 20), (15, 100)])
+@pytest.mark.parametrize("step", [0.1, 0.2])
+def test_stable_steps_lift_off_wherever_plain_load_steps_do(curvature, weight, step):
+    """A sheet at rest whose hinge lifts it: the fall to its rest is all that stable steps add."""
+    scene, _ = case.heavy_strip(curvature=curvature, weight=weight, n=(6, 10))
+    plain = LoadSteps(1e-8, step)
+    ends = []
+    for stepper in (plain, StableSteps(plain, locate=False)):
+        path = trace(scene, np.zeros(scene.size), stepper, max_steps=300, events=False)
+        assert path.reached
+        ends.append(path)
+    assert ends[1].iterations <= ends[0].iterations + 5
+    assert np.abs(ends[1].last.x - ends[0].last.x)[: scene.n_free].max() < 1e-7
