@@ -1,0 +1,85 @@
+"""Every command and every block of Python in the README does what it says there.
+
+They run as they stand but for their size: fewer designs, cycles and trials. What needs a cluster is
+tested in tests/foldlab/campaign, ``make demo`` and ``make test`` by whoever runs them.
+"""
+
+import re
+import shlex
+import sys
+from pathlib import Path
+
+import pytest
+
+from foldlab.cli import app as cli
+
+README = (Path(__file__).parent.parent / "README.md").read_text(encoding="utf-8")
+# What makes a command or block quicker, and leaves it the same otherwise.
+SMALLER = {
+    "-n 2000": "-n 300",
+    "foldlab train l.parquet": "foldlab train l.parquet --set epochs=300",
+    "foldlab design": "foldlab design --model m",
+    "foldlab augment -o a": "foldlab augment -o a --set cycles=1 --set epochs=50 --set initial=60",
+    "foldlab tune l.parquet": "foldlab tune l.parquet --trials 2 --set epochs=[20,40]",
+    "foldlab check": "foldlab check --no-pictures --accuracy 0.2",
+    "foldlab simulate": "foldlab simulate --no-pictures --accuracy 0.2",
+    "sample(6000": "sample(300",
+    "100_000": "2000",
+}
+NEEDS_A_CLUSTER = ("dask", "submitit", "SBATCH")
+
+
+def blocks(language: str) -> list[str]:
+    found = re.findall(rf"```{language}\n(.*?)```", README, re.DOTALL)
+    kept = [block for block in found if not any(word in block for word in NEEDS_A_CLUSTER)]
+    assert len(kept) >= 3
+    return kept
+
+
+def smaller(text: str) -> str:
+    for old, new in SMALLER.items():
+        text = text.replace(old, new)
+    return text
+
+
+def test_nothing_is_made_smaller_that_the_readme_does_not_have():
+    for old in SMALLER:
+        assert old in README, f"the README no longer has {old!r}"
+
+
+def test_commands_run_in_their_order(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    verbs = set()
+    for block in blocks("sh"):
+        for line in block.replace("\\\n", " ").splitlines():
+            command = shlex.split(smaller(line), comments=True)
+            if not command or command[0] == "make":
+                continue
+            assert command[0] == "foldlab", line
+            verbs.add(command[1])
+            monkeypatch.setattr(sys, "argv", command)
+            with pytest.raises(SystemExit) as end:
+                cli.main()
+            assert not end.value.code, f"{line}: {capsys.readouterr().err}"
+    assert verbs >= {"check", "simulate", "sample", "label", "train", "map", "design", "tune"}
+    assert {"d.parquet", "s.db", "l.parquet", "m", "map.png", "a", "t"} <= {
+        p.name for p in tmp_path.iterdir()
+    }
+
+
+@pytest.mark.parametrize("block", blocks("python"))
+def test_python_runs(block, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    exec(compile(smaller(block), "README.md", "exec"), {})
+    printed = capsys.readouterr().out
+    if "path.reason" in block:
+        assert "the path reached its target" in printed
+
+
+def test_inline_commands_name_experiments_and_verbs_that_there_are():
+    experiments = {p.stem for p in (Path(__file__).parent.parent / "experiments").glob("*.py")}
+    named = set(re.findall(r"python -m experiments\.(\w+)", README))
+    assert named and named - {"NAME"} <= experiments
+    known = {command.name for command in cli.app.registered_commands}
+    named = set(re.findall(r"`foldlab (\w+)", README))
+    assert named and named <= known
