@@ -12,6 +12,7 @@ from solver.equilibrium.newton import Outcome, newton
 from solver.equilibrium.scene import Scene
 from solver.mesh.body import Body, NodeGraph
 from solver.mesh.structured import box
+from solver.paths import continuation
 from solver.paths.continuation import load, trace
 from solver.paths.point import Unlocated
 from solver.paths.stable import StableSteps
@@ -224,3 +225,40 @@ def test_a_thin_body_that_floating_point_numbers_can_solve_is_solved():
     path = trace(scene, rest(scene), LoadSteps(1e-8, 0.1), max_steps=30, events=False)
     assert path.reached
     assert MidLine(scene).tip(path.last.x, 1.0)[0] == pytest.approx(0.301720774, rel=1e-3)
+
+
+# -- targets ---------------------------------------------------------------------------------------
+
+
+def test_a_target_function_that_vanishes_at_the_start_ends_the_path_where_it_vanishes_again():
+    scene = column(3.0)
+    path = trace(
+        scene, rest(scene), LoadSteps(1e-10, 0.2), until=lambda p: p.e * (p.e - 0.55), max_steps=20
+    )
+    assert path.reached and len(path.points) > 2
+    assert path.last.e == pytest.approx(0.55, abs=1e-6)
+
+
+@pytest.mark.parametrize(("off", "reached"), [(0.0, True), (0.05, True), (0.3, False)])
+def test_a_target_met_far_from_where_the_path_is_counts_as_not_met(off, reached, monkeypatch):
+    """Newton's method at the target may come to another branch: further than a tenth of the step
+    from the point of the path that is nearest."""
+    scene = column(3.0)
+    stepper = ArcLength(1e-10, a=0.2, b=0.2)
+    right, chords = continuation.newton, []
+
+    def elsewhere(scene, x, e, **options):
+        result = right(scene, x, e, **options)
+        if e == 0.5 and off:
+            chord = 0.2 / np.sqrt(2)  # of a point of column(3), whose load and last unknown are one
+            shifted = result.x.copy()
+            shifted[-1] += off * chord
+            chords.append(chord)
+            return replace(result, x=shifted)
+        return result
+
+    monkeypatch.setattr(continuation, "newton", elsewhere)
+    path = trace(scene, rest(scene), stepper, until=load(0.5), max_steps=30, events=False)
+    assert path.reached is reached
+    if not reached:
+        assert chords and "was not met" in path.detail
