@@ -26,8 +26,9 @@ class Sections:
     """Sections y = const of a body that bends in the plane of y and z, by turns about x.
 
     ``of`` (nodes,): the section of each node, numbered along y; ``middle``: the one whose centre
-    moves along y as the step says. In z the lowest one does, where the body stands on a ground
-    (``grounded``).
+    moves as the step says. Where the body stands on a ground (``grounded``) its lowest node comes
+    to stand as high as if the step went straight: what the ground admits of a straight step it
+    admits of the turning one too.
     """
 
     of: np.ndarray = field(repr=False)
@@ -42,14 +43,17 @@ class Sections:
 
     def moved(self, X: np.ndarray, du: np.ndarray) -> np.ndarray:
         """Displacement (n, 3) from the positions X (n, 3) that a step du (n, 3) leads to."""
-        return _moved(self.of, X, du, self.middle, self._lowest(X))
+        out = _moved(self.of, X, du, self.middle)
+        if self.grounded:
+            out[:, 2] += _rise(X + out, X + du)
+        return out
 
     def step(self, X: np.ndarray, Y: np.ndarray) -> np.ndarray:
         """The step du (n, 3) that leads from the positions X to the positions Y, (n, 3)."""
-        return _step(self.of, X, Y, self.middle, self._lowest(X))
-
-    def _lowest(self, X: np.ndarray) -> int:
-        return int(self.of[np.argmin(X[:, 2])]) if self.grounded else self.middle
+        out = _step(self.of, X, Y, self.middle)
+        if self.grounded:
+            out[:, 2] += _rise(X + out, Y)
+        return out
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,9 +83,12 @@ class FreeSections:
         w = self._turns(r, rest)
         mean, line = (w[1:] + w[:-1]) / 2, np.diff(c, axis=0)
         lines = _turned(mean, line + np.diff(d, axis=0) - np.cross(mean, line))
-        new = self._chained(c + d, lines, X)
+        new = self._chained(c + d, lines)
         of_node = w[self.of]
-        return new[self.of] - X + _turned(of_node, r + rest - np.cross(of_node, r))
+        out = new[self.of] - X + _turned(of_node, r + rest - np.cross(of_node, r))
+        if self.grounded:
+            out[:, 2] += _rise(X + out, X + du)
+        return out
 
     def step(self, X: np.ndarray, Y: np.ndarray) -> np.ndarray:
         """The step du (n, 3) that leads from the positions X to the positions Y, (n, 3)."""
@@ -96,9 +103,12 @@ class FreeSections:
                 s += direction
         mean, line = (w[1:] + w[:-1]) / 2, np.diff(c, axis=0)
         lines = np.cross(mean, line) + _turned(-mean, np.diff(d, axis=0)) - line
-        shift = self._chained(d - c, lines, X)
+        shift = self._chained(d - c, lines)
         of_node = w[self.of]
-        return shift[self.of] + np.cross(of_node, r) + _turned(-of_node, q) - r
+        out = shift[self.of] + np.cross(of_node, r) + _turned(-of_node, q) - r
+        if self.grounded:
+            out[:, 2] += _rise(X + out, Y)
+        return out
 
     def _sums(self, values: np.ndarray) -> np.ndarray:
         """Over the nodes (n, …) of each section."""
@@ -135,13 +145,15 @@ class FreeSections:
         U[:, :, 2] *= np.sign(np.linalg.det(U @ V))[:, None]
         return _vectors(U @ V)
 
-    def _chained(self, ends: np.ndarray, lines: np.ndarray, X: np.ndarray) -> np.ndarray:
-        """Centres from one to the next, standing where ``ends`` has the middle one; in z the
-        lowest, where the body stands on a ground."""
+    def _chained(self, ends: np.ndarray, lines: np.ndarray) -> np.ndarray:
+        """Centres from one to the next; the middle one is that of ``ends``."""
         new = np.concatenate([np.zeros((1, 3)), np.cumsum(lines, axis=0)])
-        low = self.of[np.argmin(X[:, 2])] if self.grounded else self.middle
-        at = np.array([self.middle, self.middle, low])
-        return new + (ends - new)[at, np.arange(3)]
+        return new + (ends - new)[self.middle]
+
+
+def _rise(X: np.ndarray, Y: np.ndarray) -> float:
+    """By how much the lowest of the positions Y lies above that of X."""
+    return float(Y[:, 2].min() - X[:, 2].min())
 
 
 def _turned(w: np.ndarray, v: np.ndarray) -> np.ndarray:
@@ -186,7 +198,7 @@ def _centres(of, X):
 
 
 @numba.njit(cache=True)
-def _moved(of, X, du, middle, lowest):
+def _moved(of, X, du, middle):
     c, d = _centres(of, X), _centres(of, du)
     n = len(c)
     top, low = np.zeros(n), np.zeros(n)
@@ -203,7 +215,7 @@ def _moved(of, X, du, middle, lowest):
         new[s, 0] = new[s - 1, 0] + np.cos(mean) * y - np.sin(mean) * z
         new[s, 1] = new[s - 1, 1] + np.sin(mean) * y + np.cos(mean) * z
     new[:, 0] += c[middle, 0] + d[middle, 0] - new[middle, 0]
-    new[:, 1] += c[lowest, 1] + d[lowest, 1] - new[lowest, 1]
+    new[:, 1] += c[middle, 1] + d[middle, 1] - new[middle, 1]
     out = du.copy()
     for k in range(len(of)):
         s = of[k]
@@ -215,7 +227,7 @@ def _moved(of, X, du, middle, lowest):
 
 
 @numba.njit(cache=True)
-def _step(of, X, Y, middle, lowest):
+def _step(of, X, Y, middle):
     c, d = _centres(of, X), _centres(of, Y)
     n = len(c)
     sine, cosine = np.zeros(n), np.zeros(n)
@@ -239,7 +251,7 @@ def _step(of, X, Y, middle, lowest):
         along[s, 0] = along[s - 1, 0] + np.cos(mean) * p + np.sin(mean) * q - y - mean * z
         along[s, 1] = along[s - 1, 1] - np.sin(mean) * p + np.cos(mean) * q - z + mean * y
     along[:, 0] += d[middle, 0] - c[middle, 0] - along[middle, 0]
-    along[:, 1] += d[lowest, 1] - c[lowest, 1] - along[lowest, 1]
+    along[:, 1] += d[middle, 1] - c[middle, 1] - along[middle, 1]
     out = Y - X
     for k in range(len(of)):
         s = of[k]
