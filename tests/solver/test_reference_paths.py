@@ -6,9 +6,10 @@ The load comes with e and starts from nothing.
 import numpy as np
 import pytest
 import reference_structures as case
-from reference_scenes import MidLine, walked
+from reference_scenes import MidLine, cantilever, walked
 from scipy.interpolate import CubicHermiteSpline
 
+from solver.equilibrium.newton import Outcome, newton
 from solver.equilibrium.reactions import reaction
 from solver.paths.continuation import trace
 from solver.paths.stability import switch
@@ -174,6 +175,25 @@ def test_a_cantilever_beyond_its_euler_load():
     _, shortening, turned = MidLine(scene).tip(path.last.x, path.last.e)
     assert abs(turned) == pytest.approx(np.pi / 3, rel=1e-3)
     assert 1 - shortening == pytest.approx(0.741020, rel=1e-3)
+
+
+def test_where_no_second_path_is_near_the_switch_says_so():
+    # A tenth of the load buckles the column at ten times the e, far from the event.
+    heavy, light = (case.column(end_load=p * np.pi**2 / 4, h=0.01) for p in (1.2, 0.12))
+    steps = LoadSteps(rtol=1e-9, step=0.05)
+    straight = walked(heavy, steps, events=True)
+    (branch,) = straight.events
+    assert switch(light, branch, straight.last, rtol=1e-9, amplitude=0.1) is Outcome.NO_BRANCH
+    assert "no second branch" in Outcome.NO_BRANCH.value
+
+
+def test_iterations_that_are_used_up_are_told_with_how_near_they_came():
+    scene = cantilever(tip_load=1.0)
+    short = newton(scene, np.zeros(scene.size), 0.2, rtol=1e-9, max_iterations=2)
+    assert short.outcome is Outcome.NOT_CONVERGED and short.iterations == 2
+    assert not short.converged and short.correction > 1e-9
+    long = newton(scene, np.zeros(scene.size), 0.2, rtol=1e-9, max_iterations=200)
+    assert long.converged and long.iterations > 2
 
 
 def test_self_weight_buckling():

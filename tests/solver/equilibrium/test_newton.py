@@ -6,7 +6,7 @@ from path_toys import carousel, function_scene, truss
 
 from solver.equilibrium.descent import descend
 from solver.equilibrium.linear import make_solver
-from solver.equilibrium.newton import Outcome, damped, newton
+from solver.equilibrium.newton import Outcome, Stagnation, Step, damped, downhill, newton
 from solver.equilibrium.scene import Scene
 from solver.mesh.body import Body
 from solver.mesh.structured import box
@@ -15,7 +15,7 @@ from solver.physics.elastic import Elastic
 from solver.physics.ground import Ground
 from solver.physics.loads import Gravity
 from solver.physics.materials import NeoHookean
-from solver.physics.supports import Fixed
+from solver.physics.supports import Fixed, Row
 from solver.physics.term import Evaluation
 
 # -- Newton -----------------------------------------------------------------------------------
@@ -176,3 +176,31 @@ def test_no_result_lies_beyond_a_barrier_thinner_than_the_tolerance():
             found = solver(scene, np.zeros(scene.size), 0.0, rtol=rtol)
             assert found.converged, found.outcome
             assert np.isfinite(scene.energy(found.x, 0.0)), (solver, rtol)
+
+
+def test_a_guess_that_violates_a_row_may_climb_to_it():
+    """A block at rest whose end shall lie 0.05 further: its energy can only rise on the way there,
+    and the multiplier's work on what remains of the row is what falls."""
+    body = Body.build(box([0, 1], [0, 1], [0, 1]), "hex8")
+    fixed = [Fixed(np.flatnonzero(body.nodes[:, k] < 1e-12), np.eye(3)[k]) for k in range(3)]
+    mean = np.zeros((8, 3))
+    mean[body.nodes[:, 0] > 0.5, 0] = 0.25
+    scene = Scene(body, [Elastic(body, NeoHookean(1.0, 0.3))], fixed=fixed, rows=[Row(mean, 0.05)])
+    x = np.zeros(scene.size)
+    system = scene.system(x, 1.0)
+    dx = -system.factorise().solve(system.residual)
+    step = downhill(scene, system, x, 1.0, dx, 1.0)
+    assert isinstance(step, Step) and step.fraction == 1.0
+    assert scene.energy(step.z, 1.0) > scene.energy(x, 1.0)
+    # Back from beyond the row it falls, and the step is as long.
+    assert descend(scene, step.z, 1.0, rtol=1e-9).converged
+
+
+def test_corrections_have_stopped_shrinking_after_four_that_are_no_half_of_the_best():
+    watch = Stagnation(1e-9)
+    assert [watch.stuck(c) for c in (1e-8, 9e-9, 1e-8, 6e-9, 1e-8)] == [False] * 4 + [True]
+    watch = Stagnation(1e-9)
+    # A half counts, and one that lies far from the tolerance is damping.
+    assert not any(watch.stuck(c) for c in (1e-8, 9e-9, 9e-9, 9e-9, 4e-9, 4e-9, 4e-9, 4e-9))
+    watch = Stagnation(1e-9)
+    assert not any(watch.stuck(1e-3) for _ in range(9))
