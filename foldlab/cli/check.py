@@ -104,7 +104,7 @@ def check(
     source.unit(unit.groups)
     first = by_rod(unit, source)
     _note(_first(first))
-    found: dict[str, Any] = {
+    answer: dict[str, Any] = {
         "materials": dict(unit.materials),
         "physical": dict(unit.physical),
         "design": dict(unit.groups),
@@ -115,23 +115,23 @@ def check(
     if quick:
         foldable = None if first is None else first.foldable
         angle = None if first is None else first.evidence.get("m1")
-        found |= {"foldable": foldable, "fold_angle": angle, "confirmed": False}
-        emit(found if as_json else _quickly(found), as_json)
+        answer |= {"foldable": foldable, "fold_angle": angle, "confirmed": False}
+        emit(answer if as_json else _quickly(answer), as_json)
         if foldable is None:
             raise NotReached("the rod can't tell; leave --quick out")
         return
     with output_folder(out):
-        found |= _solved(unit, source, out, pictures=not no_pictures)
-        label = found.pop("label")
+        answer |= _solved(unit, source, out, pictures=not no_pictures)
+        label = answer.pop("label")
         if label.foldable is False and first is not None:
-            found["change"] = _told(confirmed(unit, source), unit)
+            answer["change"] = _told(confirmed(unit, source), unit)
         from foldlab.unit.record import write_json
 
-        write_json(out / "result.json", {**found, "label": asdict(label)})
+        write_json(out / "result.json", {**answer, "label": asdict(label)})
     if as_json:
-        emit(found, True)
+        emit(answer, True)
     else:
-        emit(_readable(found, unit), False)
+        emit(_readable(answer, unit), False)
     if label.foldable is None:
         raise NotReached(f"{label.reason}; what there is is in {out}")
 
@@ -183,44 +183,44 @@ def _first(label: Label | None) -> str:
     return f"first answer, of a rod: {label.reason}{turned}"
 
 
-def _quickly(found: Mapping[str, Any]) -> dict[str, Any]:
+def _quickly(answer: Mapping[str, Any]) -> dict[str, Any]:
     return {
-        "folds": _yes(found["foldable"]),
-        "angle": _degrees(found["fold_angle"]),
-        "over the materials": _over(found["over_materials"]),
-        "it stays so for": _holds(found["holds"]),
+        "folds": _yes(answer["foldable"]),
+        "angle": _degrees(answer["fold_angle"]),
+        "over the materials": _over(answer["over_materials"]),
+        "it stays so for": _holds(answer["holds"]),
         "confirmed": "no, the rod's answer only",
     }
 
 
-def _readable(found: Mapping[str, Any], unit: Sized) -> dict[str, Any]:
+def _readable(answer: Mapping[str, Any], unit: Sized) -> dict[str, Any]:
     """The answer in a maker's words and units."""
-    error = found["error_m1"]
+    error = answer["error_m1"]
     sure = "" if error is None else f" ± {error * DEGREES:.1g}°"
-    angle = f"{_degrees(found['fold_angle'])}{sure}"
-    change = found["change"]
+    angle = f"{_degrees(answer['fold_angle'])}{sure}"
+    change = answer["change"]
     if change is not None:
         change = (
             f"{change['quantity']} from {_shown(change['quantity'], change['from'])} to "
             f"{_shown(change['quantity'], change['to'])}: it then folds by "
             f"{_degrees(change['fold_angle'])}, by the solver"
         )
-    elif found["foldable"] is False:
+    elif answer["foldable"] is False:
         change = "no change of one quantity was confirmed to help"
     else:
         change = "nothing"
     return {
-        "folds": _yes(found["foldable"]),
-        "angle": f"{angle}, {_degrees(found['need'])} count as folded",
-        "why": found["reason"],
-        "stable": _yes(found["stable"]),
-        "tips over": _yes(found["topples"]),
-        "strain": _strain(found["strain"]),
-        "over the materials": _over(found["over_materials"]),
-        "it stays so for": _holds(found["holds"]),
+        "folds": _yes(answer["foldable"]),
+        "angle": f"{angle}, {_degrees(answer['need'])} count as folded",
+        "why": answer["reason"],
+        "stable": _yes(answer["stable"]),
+        "tips over": _yes(answer["topples"]),
+        "strain": _strain(answer["strain"]),
+        "over the materials": _over(answer["over_materials"]),
+        "it stays so for": _holds(answer["holds"]),
         "to change": change,
-        "core_seconds": found["core_seconds"],
-        "files": ", ".join(found["files"]),
+        "core_seconds": answer["core_seconds"],
+        "files": ", ".join(answer["files"]),
     }
 
 
@@ -243,24 +243,24 @@ def _strain(rows: Mapping[str, Mapping[str, Any]]) -> str:
     return ", ".join(told) or "–"
 
 
-def _over(found: Mapping[str, Any] | None) -> str:
-    if found is None:
+def _over(answer: Mapping[str, Any] | None) -> str:
+    if answer is None:
         return "–"
     names = ", ".join(
         f"{name} {_shown(name, low)} to {_shown(name, high)}"
-        for name, (low, high) in found["ranges"].items()
+        for name, (low, high) in answer["ranges"].items()
     )
     return (
-        f"{100 * found['folds']:.0f} % of {found['draws']} units fold by the rod, 90 % of all turn "
-        f"by {_degrees(found['angle_low'])} to {_degrees(found['angle_high'])} ({names})"
+        f"{100 * answer['folds']:.0f} % of {answer['draws']} units fold by the rod, 90 % of all "
+        f"turn by {_degrees(answer['angle_low'])} to {_degrees(answer['angle_high'])} ({names})"
     )
 
 
-def _holds(found: Mapping[str, Any] | None) -> str:
-    if found is None:
+def _holds(answer: Mapping[str, Any] | None) -> str:
+    if answer is None:
         return "–"
     told = []
-    for name, (low, high) in found.items():
+    for name, (low, high) in answer.items():
         if low is not None and high is not None:
             told.append(f"{name} {_shown(name, low)} to {_shown(name, high)}")
         elif low is not None:
