@@ -140,6 +140,7 @@ class SolverSource:
         coarse = run.settled and self._enough(groups, run)
         if coarse:
             errors = judging.calibrated(run, groups, self.thresholds)
+        refused = self._refused(groups, run)
         finest, asked, open_ = self.effort.plan.finest, self.effort.accuracy, []
         for level in () if coarse else range(1, min(finest + 1, FINEST) + 1):
             if not run.settled or core_seconds() > deadline:
@@ -149,7 +150,11 @@ class SolverSource:
                 size = run.folding.model.scene.size / (FURTHER if open_ else 1)
                 if run.closed or size > LARGEST[finest] or (level > finest and not open_):
                     break
-            refined = self._refined(run, level, deadline)
+            refined = self._refined(run, level, deadline, thorough=not refused)
+            if refined is None and refused:
+                # Another path would cost the most where the verdict hangs on it the least.
+                errors, coarse = judging.calibrated(run, groups, self.thresholds), True
+                break
             if refined is None and level > 1:
                 break
             if refined is None:
@@ -160,7 +165,7 @@ class SolverSource:
                 if not again.settled:
                     break
                 refined = again, judging.difference(run, again, groups, self.thresholds)
-            before, run = run, refined[0]
+            before, run, refused = run, refined[0], False
             errors = refined[1].stated(level, earlier, self._across(run, level))
             earlier, levels = refined[1], levels + 1
             open_ = judging.undecided(run, errors, self.thresholds, accuracy=asked)
@@ -176,6 +181,8 @@ class SolverSource:
             coarse=coarse,
             before=before,
         )
+        if refused and coarse:
+            reason += "; no finer mesh confirmed it, and the error is that of other designs"
         if run.history:
             evidence |= self._peaks(run, None if run.closed else before)
             foldable, reason, evidence["outcome"] = self._borne(foldable, reason, evidence)
@@ -309,9 +316,20 @@ class SolverSource:
         kinds = {h.kind for h in run.folding.happenings}
         return screening.decided(design, run.history[-1], kinds, run.closed, self.thresholds)
 
-    def _refined(self, run: Run, level: int, deadline: float) -> tuple[Run, judging.Errors] | None:
+    def _refused(self, design: Mapping[str, float], run: Run) -> bool:
+        """Whether a path on the coarsest mesh is enough to say that a design doesn't fold."""
+        measured = Conditions(growth="isotropic") == self.conditions and not self.patterned
+        plain = self.question == "from_flat" and self.seed is None and self.changing == Changing()
+        if not (run.settled and measured and plain):
+            return False
+        return screening.refused(run.measures, design["contraction"], self.thresholds)
+
+    def _refined(
+        self, run: Run, level: int, deadline: float, thorough: bool = True
+    ) -> tuple[Run, judging.Errors] | None:
         """The last state of a run on a finer mesh, after the run's history; and its errors.
 
+        ``thorough``: see :func:`solver.cases.unit.path.refined`.
         Where a path ended at a full turn, small differences have grown large. What is refined is
         then the state before, for the errors only.
         """
@@ -322,8 +340,9 @@ class SolverSource:
         if run.closed and len(run.history) < 2:
             return None
         finer = unit_path.refined(
-            folding, level, earlier=run.closed, rtol=self.effort.plan.tolerance, deadline=deadline
-        )
+            folding, level, earlier=run.closed, rtol=self.effort.plan.tolerance, deadline=deadline,
+            thorough=thorough,
+        )  # fmt: skip
         if finer is None:
             return None
         row = judging.row_of(finer.last, finer.model.unit)

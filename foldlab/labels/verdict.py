@@ -69,7 +69,9 @@ def calibrated(run: Run, design: Mapping[str, float], thresholds: Thresholds) ->
     """Of a path on the coarsest mesh, as measured on other designs."""
     m1, g = run.measures["m1"], design["contraction"]
     scale = float(thresholds.scale(m1, g))
-    return Errors(*(off / scale for off in screening.coarse_errors(m1, g, thresholds)))
+    growth = run.folding.model.growth
+    bounds = screening.coarse_errors(m1, g, thresholds, growth=growth)
+    return Errors(*(off / scale for off in bounds))
 
 
 def judge(
@@ -183,7 +185,8 @@ def _agree(before: Run, run: Run, thresholds: Thresholds) -> bool:
     verdicts = []
     for r in (before, run):
         m, g = r.measures, r.folding.model.unit.contraction
-        errors = screening.coarse_errors(m["m1"], g, thresholds)
+        growth = r.folding.model.growth
+        errors = screening.coarse_errors(m["m1"], g, thresholds, growth=growth)
         if screening.near(m, g, thresholds, errors):
             return False
         verdicts.append(all(thresholds.tags(m, g).values()))

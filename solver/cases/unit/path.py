@@ -192,12 +192,14 @@ def refined(
     earlier: bool = False,
     rtol: float = 1e-6,
     deadline: float | None = None,
+    thorough: bool = True,
 ) -> Folding | None:
     """The last state (``earlier``: the one before it) on another mesh: one equilibrium, no path.
 
     None where the body went elsewhere (a curve by more than a tenth of the sheet), or reached no
     stable state nearby: then the path itself must be followed there. ``deadline``: as in
-    :class:`solver.cases.unit.choices.Watch`.
+    :class:`solver.cases.unit.choices.Watch`. ``thorough``: whether the energy falls to a stable
+    state where half as many iterations of Newton's method don't lead to one.
     """
     begun = time.monotonic()
     model, x, last = folding.model, folding.x, folding.last
@@ -207,9 +209,13 @@ def refined(
     watch = replace(model.watch, deadline=deadline)
     try:
         fine, x = carried(model, x, last.e, meshing=meshing, watch=watch)
-        result = newton(fine.scene, x, last.e, rtol=rtol, max_iterations=25, unstable=0)
+        most = 25 if thorough else 12
+        result = newton(fine.scene, x, last.e, rtol=rtol, max_iterations=most, unstable=0)
         spent = result.iterations
-        if not (result.converged and result.system.unstable == 0):
+        stable = result.converged and result.system.unstable == 0
+        if not stable and not thorough:
+            return None
+        if not stable:
             result = descend(fine.scene, x, last.e, rtol=rtol, reach=0.02, max_iterations=100)
             spent += result.iterations
         if not result.converged:

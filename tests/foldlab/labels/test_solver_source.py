@@ -242,7 +242,9 @@ def test_where_turning_across_the_hinge_decides_two_elements_across_tell_it(
     run.history[-1] |= {"m1": m1 * need, "m2": across * need}
     monkeypatch.setattr(SolverSource, "run", lambda *args, **limits: run)
     same = Errors(1e-6, 1e-6)
-    monkeypatch.setattr(SolverSource, "_refined", lambda self, run, level, deadline: (run, same))
+    monkeypatch.setattr(
+        SolverSource, "_refined", lambda self, run, level, deadline, thorough: (run, same)
+    )
     label = source.label(LIGHT)
     assert label.evidence["levels"] == levels
     # What is asked is the accuracy of m1; the error of m2 is stated beside it.
@@ -320,7 +322,9 @@ def test_meshes_beyond_the_cap_on_unknowns_are_not_refined(accuracy, finest, mon
     size = run.folding.model.scene.size
     monkeypatch.setattr(SolverSource, "run", lambda *args, **limits: run)
     refined = run, Errors(0.1, 0.0)
-    monkeypatch.setattr(SolverSource, "_refined", lambda self, run, level, deadline: refined)
+    monkeypatch.setattr(
+        SolverSource, "_refined", lambda self, run, level, deadline, thorough: refined
+    )
     for cap, levels in ((size, finest + 1), (size - 1, 2)):
         monkeypatch.setitem(solver.LARGEST, finest, cap)
         assert source.label(LIGHT).evidence["levels"] == levels
@@ -335,7 +339,9 @@ def test_a_verdict_that_hangs_on_the_mesh_gets_one_more_and_larger_ones(monkeypa
     need = run.measures["m1"] / 1.01
     limits = Thresholds(need=need), Thresholds(need=need / 1.2)
     monkeypatch.setattr(
-        SolverSource, "_refined", lambda self, run, level, deadline: (run, Errors(0.1, 0.0))
+        SolverSource,
+        "_refined",
+        lambda self, run, level, deadline, thorough: (run, Errors(0.1, 0.0)),
     )
     for cap, near, far in ((size, 4, 3), (size - 1, 4, 2), (size / 3.01, 2, 2)):
         monkeypatch.setitem(solver.LARGEST, 2, cap)
