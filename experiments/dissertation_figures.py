@@ -44,7 +44,7 @@ class Config:
     figures: tuple[str, ...] = ("4.16", "4.17", "4.18", "4.30", "4.31", "4.15")
     timeout: float = 120.0
     strips: tuple[int, ...] = (2, 3, 5)
-    share: tuple[float, ...] = (0.5, 0.8, 0.95)
+    fraction: tuple[float, ...] = (0.5, 0.8, 0.95)  # of the pitch that a strip takes
     scan: int = 3
     tetrahedra: float = 0.49  # size over the local thickness, the finest of their Fig. 4.14
 
@@ -187,12 +187,14 @@ def patterned_unit(config: Config):
         design = {**TABLE_42, "stiffness_to_weight": gamma}
         paths[f"solid, Γ = {gamma:g}"], plain = _path(config, design, growth="isotropic")
         answers = []
-        for strips, share in product(config.strips, config.share):
-            run, cut = _path(config, design, growth="isotropic", strips=strips, strip_share=share)
-            answers.append((strips, share, cut))
-            print(f"4.30: Γ = {gamma:g}, {strips} of {share:g}: {cut.reason}", file=sys.stderr)
-        paths[f"{strips} strips of {share:g}, Γ = {gamma:g}"] = run
-        folding = [f"{n} of {share:g}" for n, share, cut in answers if cut.foldable]
+        for strips, fraction in product(config.strips, config.fraction):
+            run, cut = _path(
+                config, design, growth="isotropic", strips=strips, strip_share=fraction
+            )
+            answers.append((strips, fraction, cut))
+            print(f"4.30: Γ = {gamma:g}, {strips} of {fraction:g}: {cut.reason}", file=sys.stderr)
+        paths[f"{strips} strips of {fraction:g}, Γ = {gamma:g}"] = run
+        folding = [f"{n} of {fraction:g}" for n, fraction, cut in answers if cut.foldable]
         unknown = sum(cut.foldable is None for *_, cut in answers)
         both = both or (plain.foldable is True and bool(folding))
         said.append(

@@ -6,6 +6,8 @@ s the passive layer and the panels. Bounds: dissertation §4.2.2 and §4.6.3.
 
 In the patterned space (§4.8.3) the active layer is n strips of width w along the sheet, a gap s
 between two and half of one at each edge of the hinge: b_i = n (w + s).
+
+Groups, bounds and conversions are one table read in both directions, and stay in one file.
 """
 
 from __future__ import annotations
@@ -354,8 +356,8 @@ def to_physical(groups: pd.DataFrame, **scales: float | np.ndarray) -> pd.DataFr
     if "b_i" in out and all(name in groups for name in ("strips", "strip_share")):
         PATTERNED._check(PATTERNED["strips"], groups["strips"].to_numpy(float), False)
         pitch = out["b_i"] / _positive("strips", groups["strips"], len(groups))
-        share = _positive("strip_share", groups["strip_share"], len(groups))
-        out |= {"w_i": share * pitch, "s_i": (1 - share) * pitch}
+        fraction = _positive("strip_share", groups["strip_share"], len(groups))
+        out |= {"w_i": fraction * pitch, "s_i": (1 - fraction) * pitch}
     return pd.DataFrame({name: out[name] for name in (*PHYSICAL, *PATTERN) if name in out})
 
 

@@ -46,14 +46,14 @@ class Run:
         # Where addresses of artifacts are relative to, wherever the process goes meanwhile.
         self._folder = Path.cwd()
 
-    def metrics(self, values: Mapping[str, Any], *, prefix: str = "", step: int | None = None):
+    def metrics(self, values: Mapping[str, Any], *, prefix: str = ""):
         """Log the finite numbers of a flat mapping; other values are left out."""
         numbers = {
             prefix + _metric_name(name): float(value)
             for name, value in ((name, _scalar(value)) for name, value in values.items())
             if isinstance(value, int | float) and math.isfinite(value)
         }
-        self._mlflow.log_metrics(numbers, step=step)
+        self._mlflow.log_metrics(numbers)
 
     def table(self, name: str, frame: pd.DataFrame) -> None:
         """Log a table as ``tables/NAME.csv``."""

@@ -3,6 +3,7 @@
 The limits of the wish leave a region (``region``); a classifier says where in it the wanted label
 is predicted; of these designs those are proposed that keep a distance from the predicted boundary
 and from each other; a label source confirms them. What margin and box mean: ``robust``.
+Search, choice and confirmation are one sequence on one record, and stay in one file.
 """
 
 from __future__ import annotations

@@ -7,6 +7,7 @@ Both minimise the binary cross-entropy with a weight w on false positives (§4.7
 with t = 1 for designs that fold. :class:`DissertationNetwork` is §4.7.3; :class:`SmoothNetwork` is
 a small ensemble of smooth networks, trained to convergence on all labels at once.
 Input: groups (n, d), logs inside where a space is given. Output: probabilities (n, 2).
+The two differ in little but their training, and stay beside what they have in common.
 """
 
 from __future__ import annotations

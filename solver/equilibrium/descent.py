@@ -121,7 +121,7 @@ def descend(
         longest = scene.longest_step(here, dx, e)
         if correction <= rtol and (shift > 0 or longest >= 1.0):
             if shift == 0:
-                if roundoff(system.left_over, factor.solve, dx, size):
+                if roundoff(system.linear_residual, factor.solve, dx, size):
                     return result(Outcome.ILL_CONDITIONED)
                 return result(Outcome.CONVERGED, here + dx)
             if system.unstable == 0:
@@ -135,7 +135,7 @@ def descend(
         fraction = min(longest, reach / correction, 1.0)
         step = downhill(scene, system, here, e, dx, fraction)
         if not isinstance(step, Step):
-            if shift == 0 and roundoff(system.left_over, factor.solve, dx, size):
+            if shift == 0 and roundoff(system.linear_residual, factor.solve, dx, size):
                 return result(Outcome.ILL_CONDITIONED)
             if shift == 0 and correction <= 1e3 * rtol:
                 return result(Outcome.STAGNATED)
@@ -170,7 +170,9 @@ def _doubted(scene: Scene, result: NewtonResult, start: np.ndarray) -> NewtonRes
     push = np.random.default_rng(0).standard_normal(scene.size)
     push[scene.n_free :] = 0.0
     probe, solve = System(scene, push, system.values), system.factorise().solve
-    blind = roundoff(probe.left_over, solve, -solve(push), lambda dx: largest(dx[: scene.n_free]))
+    blind = roundoff(
+        probe.linear_residual, solve, -solve(push), lambda dx: largest(dx[: scene.n_free])
+    )
     return replace(result, outcome=Outcome.ILL_CONDITIONED) if blind else result
 
 

@@ -9,6 +9,8 @@ correction, the new residual seen through the old factor, has to be shorter than
 (Deuflhard's natural monotonicity test); it doesn't mind indefinite or unsymmetric tangents. Further
 corrections with the old factor (chords) follow while they contract well: each costs a residual and
 a back-substitution, a small part of a factorisation.
+
+The loop, its steps and what ends it are one algorithm, read together; hence the length.
 """
 
 from __future__ import annotations
@@ -114,12 +116,12 @@ def newton(
 
 class Linear(NamedTuple):
     """F(z) and the system of its stiffness; ``solver`` gives A⁻¹ or raises SingularMatrix;
-    ``left_over`` of a dz: see :meth:`solver.equilibrium.scene.System.left_over`."""
+    ``linear_residual`` of a dz: see :meth:`solver.equilibrium.scene.System.linear_residual`."""
 
     residual: np.ndarray
     system: System
     solver: Callable[[], Callable[[np.ndarray], np.ndarray]]
-    left_over: Callable[[np.ndarray], tuple[np.ndarray, float]]
+    linear_residual: Callable[[np.ndarray], tuple[np.ndarray, float]]
 
 
 class Equations(Protocol):
@@ -158,7 +160,7 @@ def iterate(
     system = dz = None
 
     def ended(outcome, iterations, z, solved=None):
-        if solved is not None and roundoff(linear.left_over, solve, solved, equations.size):
+        if solved is not None and roundoff(linear.linear_residual, solve, solved, equations.size):
             outcome = Outcome.ILL_CONDITIONED
         x, e = equations.state(z)
         return NewtonResult(x, e, outcome, iterations, correction, ratio, system)
@@ -210,7 +212,9 @@ class _AtLoad:
         system = self.scene.system(z, self._e)
         if system is None:
             return None
-        return Linear(system.residual, system, lambda: system.factorise().solve, system.left_over)
+        return Linear(
+            system.residual, system, lambda: system.factorise().solve, system.linear_residual
+        )
 
     def residual(self, z):
         return self.scene.residual(z, self._e)
@@ -246,11 +250,11 @@ class _AtLoad:
         return step
 
 
-def roundoff(left_over: Callable, solve: Callable, dz: np.ndarray, size: Callable) -> bool:
+def roundoff(linear_residual: Callable, solve: Callable, dz: np.ndarray, size: Callable) -> bool:
     """Whether a solve gave roundoff: it leaves half of what it had to balance, and refining it once
     changes it. The first alone happens to a sound one where work cancels, as in unstable states.
     """
-    over, doubt = left_over(dz)
+    over, doubt = linear_residual(dz)
     return doubt > 0.5 and not size(solve(over)) <= 0.1 * size(dz)
 
 

@@ -76,7 +76,9 @@ class System:
         negative = self.factorise().negative
         return None if negative is None else negative - self._scene.n_rows
 
-    def left_over(self, dx: np.ndarray, load: np.ndarray | float = 0.0) -> tuple[np.ndarray, float]:
+    def linear_residual(
+        self, dx: np.ndarray, load: np.ndarray | float = 0.0
+    ) -> tuple[np.ndarray, float]:
         """R + K dx + load (size,) after a solve for dx (size,), and how large it is against what
         the solve had to balance: by its work, or by its size where that is more.
 

@@ -122,15 +122,15 @@ class _Extended:
         rate = (ahead - system.residual) / h
         f = self._constraint
 
-        def left_over(dz):
-            over, work = system.left_over(dz[:-1], rate * dz[-1])
+        def linear_residual(dz):
+            over, work = system.linear_residual(dz[:-1], rate * dz[-1])
             return np.append(over, 0.0), work
 
         return Linear(
             np.append(system.residual, f.value(z)),
             system,
             lambda: Bordered(system.factorise(), rate, f.row(z)).solve,
-            left_over,
+            linear_residual,
         )
 
     def residual(self, z):

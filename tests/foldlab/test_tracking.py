@@ -121,15 +121,6 @@ def test_numbers_of_numpy_are_metrics(local):
     }
 
 
-def test_a_metric_keeps_the_steps_that_it_was_given(local):
-    with track("steps", {}) as run:
-        for step in (1, 2, 5):
-            run.metrics({"loss": 1 / step}, prefix="net.", step=step)
-    (kept,) = runs(local, "steps")
-    history = mlflow.MlflowClient(local).get_metric_history(kept.info.run_id, "net.loss")
-    assert sorted((m.step, m.value) for m in history) == [(1, 1.0), (2, 0.5), (5, 0.2)]
-
-
 def test_a_run_of_the_users_own_goes_on_around_it(local, empty, tmp_path, monkeypatch):
     """It raised "Run with UUID … is already active"."""
     shutil.copy(empty, tmp_path / "mine.db")

@@ -11,6 +11,8 @@ Whether the stiffness is positive definite is decided by LAPACK's banded Cholesk
 which a matrix with a negative eigenvalue has none. Where it fails, Lanczos' method finds the
 negative eigenvalues, and a factorisation with as many further components held proves that there
 are no more of them.
+
+It is one file on purpose: what checks the solver is read from top to bottom, by itself.
 """
 
 from __future__ import annotations
