@@ -116,6 +116,17 @@ def test_the_forecast_knows_what_acts_and_what_is_free(monkeypatch):
     assert {*forecast.ACTING} == {*EFFECTS}
 
 
+def test_the_forecast_of_a_weightless_unit_asks_for_no_weight(monkeypatch):
+    monkeypatch.setattr(forecast, "pace", lambda: 1.0)
+    source = SolverSource(Conditions(effects="none"))
+    seen = {
+        forecast.forecast({**DESIGN, "stiffness_to_weight": gamma}, source) for gamma in (1.0, 1e4)
+    }
+    (one,) = seen
+    design = {k: v for k, v in DESIGN.items() if k != "stiffness_to_weight"}
+    assert forecast.forecast(design, source) == one
+
+
 def test_no_forecast_where_no_like_labels_are():
     assert forecast.forecast(DESIGN, SolverSource(Conditions(strips=3))) is None
     assert forecast.forecast(DESIGN, SolverSource(seed=1)) is None
