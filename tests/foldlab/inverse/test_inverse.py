@@ -61,6 +61,17 @@ def test_a_thousand_proposals_hold_and_spread(want):
     assert np.median(apart.min(axis=1)) > np.median(random.min(axis=1))
 
 
+@pytest.mark.parametrize("want", ["foldable", "flat"])
+def test_the_least_probability_that_was_asked_for_is_kept(want):
+    def least(**asked):
+        answer = propose(Wish(want=want, **asked), Soft(), 100, seed=2)
+        assert answer.complete
+        designs = pd.DataFrame([p.groups for p in answer.proposals])
+        return Soft().predict_proba(designs)[:, int(want == "foldable")].min()
+
+    assert least() < 0.9999 <= least(min_probability=0.9999)
+
+
 def test_margin_is_the_distance_to_the_boundary():
     """By 4000 points of the source: the cube folds all over, a slightly larger one does not."""
     wish = Wish(fixed={"E_ratio": 100.0, "slenderness": 0.05})
