@@ -17,10 +17,9 @@ import numpy as np
 
 from solver.cases.unit.choices import Meshing, Physics, Watch
 from solver.cases.unit.model import Model, build, foot, uneven
-from solver.cases.unit.symmetry import CLASSES, Check, Symmetries
+from solver.cases.unit.symmetry import CLASSES, Check, Symmetries, own_check
 from solver.equilibrium.clock import OutOfTime
 from solver.equilibrium.descent import descend
-from solver.equilibrium.linear import SingularMatrix
 from solver.equilibrium.newton import newton
 from solver.paths.noise import Noise
 from solver.paths.point import Ended, Point
@@ -30,6 +29,7 @@ from solver.physics.ground import Ground
 
 LONGEST = 0.2  # step of e, however little Timoshenko expects the hinge to turn
 EASY = 2.0  # usual steps that one may grow to where Newton's method has an easy time
+BISECTIONS = 5  # of a step in which several classes are lost
 PATIENCE = 2  # steps on in an unstable symmetry from which the fall out of it is tried again
 SWAY = 0.05  # root mean square of |Δu| in l_s that an arc-length step may move the unit by
 
@@ -240,31 +240,11 @@ def _state(model: Model, x, e, unstable, energy, iterations, checks) -> State:
         lowest = float(model.gaps(x, e).min())
         u = model.scene.displacement(x, e)
         tip = float((model.body.nodes + u)[foot(model.body, (0.0, 0.5, 0.0)), 2].item())
-    own = _own(model, x, e, unstable)
+    own = own_check(model, x, e, unstable)
     return State(
         e, model.curves(x, e), (own, *checks), lowest, tip, energy, iterations, model.scene.size,
         None if model.contact is None else model.clearance(x, e),
     )  # fmt: skip
-
-
-def _own(model: Model, x: np.ndarray, e: float, unstable: int | None) -> Check:
-    """Counts in the model's own class, as :meth:`Symmetries.check` gives them for the others.
-
-    The block of the bordered inverse at the rows of the rotations is −(C K⁻¹ Cᵀ)⁻¹.
-    """
-    names = [row.name for row in model.scene.rows]
-    rows = [k for k, name in enumerate(names) if name in ("rotation x", "rotation y")]
-    if not (rows and model.heavy) or unstable is None:
-        return Check(model.mirrors, unstable, unstable)
-    at = model.scene.n_free + np.array(rows)
-    unit = np.zeros((model.scene.size, len(rows)))
-    unit[at, np.arange(len(rows))] = 1.0
-    try:
-        block = model.scene.system(x, e).factorise().solve(unit)[at]
-    except SingularMatrix:
-        return Check(model.mirrors, unstable, None)
-    tips = len(rows) - int((np.linalg.eigvalsh(block + block.T) < 0).sum())
-    return Check(model.mirrors, unstable, unstable + tips)
 
 
 class _Walk:
@@ -328,6 +308,38 @@ class _Walk:
                 point = self.stepper.advance(self.model.scene, point, 1.0)
             if isinstance(point, Ended):
                 return self._end(Ending.LOST, point.reason, self.last)
+            point = self._first_lost(point)
+
+    def _first_lost(self, point: Point) -> Point:
+        """The point; of a step in which stability is lost in more than one class, or in the model's
+        own and so unseen in the others, one within it where the first class is lost.
+
+        Which one a body leaves by decides where it falls to, and must not hang on the step's size.
+        """
+        if not (isinstance(self.stepper, StableSteps) and self.model.mirrors):
+            return point
+        fell = any(event.kind in ("snap", "bifurcation") for event in point.events)
+        if not fell and len(self._lost(self.symmetries.check(point.x, point.e))) < 2:
+            return point
+        low, end, spent = self.last, point.e, point.iterations
+        for _ in range(BISECTIONS):
+            half = (end - low.e) / 2
+            steps = replace(self.steps, smallest=0.9 * half / self.steps.step)
+            middle = steps.advance(self.model.scene, replace(low, control=(half,)), 1.0)
+            if isinstance(middle, Ended):
+                break
+            spent += middle.iterations
+            lost = self._lost(self.symmetries.check(middle.x, middle.e))
+            count = len(lost) + (middle.unstable != 0)
+            if count == 0:
+                low = middle
+            elif count > 1:
+                end = middle.e
+            elif lost:
+                return replace(middle, control=point.control, iterations=spent)
+            else:
+                break  # the model's own class is the first, and there it has fallen
+        return replace(point, iterations=spent)
 
     def _end(self, ending: Ending, detail: str, point: Point | None) -> Folding:
         # The model may have been widened since, in an attempt to go on from there.

@@ -33,6 +33,26 @@ class Check:
     free: int | None
 
 
+def own_check(model: Model, x: np.ndarray, e: float, unstable: int | None) -> Check:
+    """Counts in the model's own class, as :meth:`Symmetries.check` gives them for the others.
+
+    The block of the bordered inverse at the rows of the rotations is −(C K⁻¹ Cᵀ)⁻¹.
+    """
+    names = [row.name for row in model.scene.rows]
+    rows = [k for k, name in enumerate(names) if name in ("rotation x", "rotation y")]
+    if not (rows and model.heavy) or unstable is None:
+        return Check(model.mirrors, unstable, unstable)
+    at = model.scene.n_free + np.array(rows)
+    unit = np.zeros((model.scene.size, len(rows)))
+    unit[at, np.arange(len(rows))] = 1.0
+    try:
+        block = model.scene.system(x, e).factorise().solve(unit)[at]
+    except SingularMatrix:
+        return Check(model.mirrors, unstable, None)
+    tips = len(rows) - int((np.linalg.eigvalsh(block + block.T) < 0).sum())
+    return Check(model.mirrors, unstable, unstable + tips)
+
+
 class Symmetries:
     """The classes of a model that its symmetries hide, as scenes on the same mesh."""
 

@@ -13,7 +13,7 @@ from solver.cases.unit.choices import Meshing, Physics, Supports, Watch
 from solver.cases.unit.model import build
 from solver.cases.unit.path import Ending, carried, fold, refined
 from solver.cases.unit.symmetry import Check, Symmetries
-from solver.cases.unit.unit import EFFECTS
+from solver.cases.unit.unit import EFFECTS, Unit
 from solver.equilibrium import clock
 from solver.equilibrium.newton import Outcome
 from solver.paths.continuation import trace
@@ -183,3 +183,18 @@ def test_arc_length_without_noise_is_refused():
     model = build(P, Meshing(0))
     with pytest.raises(ValueError, match="arc=True without noise"):
         fold(model, arc=True)
+
+
+@pytest.mark.parametrize("turn", [0.3, 0.5, 1.0])
+def test_a_symmetry_is_left_by_the_class_that_is_lost_first_whatever_the_step(turn):
+    # Twisting, sideways and, in the quarter itself, a symmetric mode are lost one soon after the
+    # other: between 0.196 and 0.28 of the contraction.
+    unit = Unit(
+        E_ratio=747.0, rho_ratio=0.318, hinge_length=0.0528, hinge_width=0.972, h_ratio=6.15,
+        stiffness_to_weight=0.504, aspect=0.529, slenderness=0.0072, contraction=0.0763,
+    )  # fmt: skip
+    model = build(unit, Meshing(COARSEST, curls=True), Physics(growth="isotropic"))
+    folding = fold(model, turn=turn, stop=lambda state: state.e > 0.25)
+    assert [h.kind for h in folding.happenings] == ["twisting"]
+    assert 0.19 < folding.happenings[0].e < 0.22
+    assert folding.last.unstable == 0
