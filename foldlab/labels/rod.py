@@ -165,7 +165,6 @@ class RodSource:
             }  # fmt: skip
             if self.conditions.heavy:
                 row["tip"] = float(state[kernel.TIP]) / h
-                row["lowest"] = float(state[kernel.LOWEST]) / h
             rows.append(row)
         rows[-1] |= {"m1": bent.angle, "hinge": bent.hinge}
         return rows
