@@ -1,5 +1,6 @@
 """Stable steps that don't locate, and descend, on functions whose wells and saddles are known."""
 
+from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
@@ -50,6 +51,21 @@ def test_a_fall_ends_at_the_target_and_not_beyond_it(locate):
         seen.append(point)
     assert max(p.e for p in seen) == seen[-1].e == target
     assert -seen[-1].x[0] > 0.2 and seen[-1].events[-1].kind == "snap"
+
+
+def test_a_step_that_fails_is_cut_once_before_the_arc_is_followed(monkeypatch):
+    right, tried = LoadSteps._solve, []
+
+    def solve(steps, scene, point, e, field):
+        tried.append(e - point.e)
+        return replace(right(steps, scene, point, e, field), outcome=Outcome.NOT_CONVERGED)
+
+    stepper = StableSteps(LoadSteps(1e-10, 4e-5, first=1.0, cut=10.0))
+    scene = truss()
+    point = stepper.begin(scene, np.zeros(1), 0.0, 1.0)
+    monkeypatch.setattr(LoadSteps, "_solve", solve)
+    stepper.advance(scene, point, 1e-3)
+    assert tried == pytest.approx([4e-5, 4e-6])
 
 
 def test_a_step_that_newton_could_not_take_is_no_snap():
