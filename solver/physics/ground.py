@@ -101,6 +101,34 @@ class Ground:
         """Height above the ground of each contact point, (points,); negative: penetration."""
         return self._heights(self.body.nodes[:, self.axis] + u[:, self.axis]) - self.height
 
+    def pressing(self, u: np.ndarray) -> np.ndarray:
+        """Force with which each contact point presses on the ground, (points,), 0 or more."""
+        t = (
+            self._heights(self.body.nodes[:, self.axis] + u[:, self.axis]) - self._floor
+        ) / self._range
+        return -self._kappa * self._area * _barrier(t)[1]
+
+    def at_points(self, values: np.ndarray) -> np.ndarray:
+        """Values of the nodes (n, k) at the contact points, (points, k)."""
+        centres = np.einsum("pnk,n->pk", values[self._centres], self._at_centre)
+        return np.concatenate([values[self._nodes], centres])
+
+    def spread(self, forces: np.ndarray) -> np.ndarray:
+        """Forces at the contact points (points, 3) on the nodes, (n, 3)."""
+        k, out = len(self._nodes), np.zeros_like(self.body.nodes)
+        out[self._nodes] = forces[:k]
+        np.add.at(out, self._centres, forces[k:, None, :] * self._at_centre[:, None])
+        return out
+
+    def blocks(self, stiffness: np.ndarray) -> np.ndarray:
+        """Stiffnesses at the contact points (points, 3, 3) as blocks on the graph."""
+        k, out = len(self._nodes), np.zeros((self.graph.blocks, 3, 3))
+        out[self._diagonal[self._nodes]] = stiffness[:k]
+        if len(self._centres):
+            weights = np.outer(self._at_centre, self._at_centre)
+            np.add.at(out, self._where, stiffness[k:, None, None] * weights[..., None, None])
+        return out
+
     def longest_step(self, u: np.ndarray, du: np.ndarray) -> float:
         """Fraction of du (n, 3), at most 1, that brings no point nearer to the floor than a tenth
         of its distance."""
