@@ -67,6 +67,9 @@ class Solving:
         int, typer.Option(min=0, help="Active strips side by side; 0: a solid layer.")
     ] = 0
     barrier: Annotated[str, typer.Option(help="Ground: surface or exponential.")] = "surface"
+    friction: Annotated[
+        float, typer.Option(help="Coefficient of friction of the ground, such as 0.3.")
+    ] = 0.0
     need: Need = None
 
     def source(self, strengths: Strengths, space: DesignSpace, changing: Changing) -> SolverSource:
@@ -76,8 +79,9 @@ class Solving:
         from foldlab.labels.solver import SolverSource
 
         conditions = Conditions(
-            self.effects, self.growth, not self.free, self.strips, barrier=self.barrier
-        )
+            self.effects, self.growth, not self.free, self.strips, barrier=self.barrier,
+            friction=self.friction,
+        )  # fmt: skip
         effort, thresholds = Effort(self.accuracy, self.timeout), Thresholds(need=self.need)
         return SolverSource(
             conditions, effort, self.question, space=space, thresholds=thresholds,

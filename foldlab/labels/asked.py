@@ -51,8 +51,9 @@ class Conditions:
     ``effects``: one of :data:`EFFECTS`; "contact" is that of the panels with each other.
     ``upright``: whether the unit is held against toppling. ``strips``: active strips side by side
     along the hinge that cover ``strip_share`` of its width (0: a solid layer). ``barrier``: the
-    ground's, "surface" or the dissertation's "exponential" (Eq. 4.5). Raises :class:`InputError`
-    for names that are not there, and for more than :data:`MOST_STRIPS`.
+    ground's, "surface" or the dissertation's "exponential" (Eq. 4.5). ``friction``: coefficient μ
+    of the ground, 0 for none. Raises :class:`InputError` for names that are not there, for more
+    than :data:`MOST_STRIPS`, and for friction without the surface's ground.
     """
 
     effects: str = "gravity,ground"
@@ -61,6 +62,7 @@ class Conditions:
     strips: int = 0
     strip_share: float = 0.5
     barrier: Literal["surface", "exponential"] = "surface"
+    friction: float = 0.0
 
     def __post_init__(self):
         if self.growth not in ("uniaxial", "isotropic"):
@@ -73,6 +75,15 @@ class Conditions:
         check_strips(self.strips)
         if self.barrier not in ("surface", "exponential"):
             raise InputError(f"barrier {self.barrier!r}; expected 'surface' or 'exponential'")
+        if not 0 <= self.friction < np.inf:
+            raise InputError(
+                f"friction = {self.friction:g}; expected a number from 0 on, such as 0.3"
+            )
+        if self.friction and not (self.heavy and self.barrier == "surface"):
+            raise InputError(
+                f"friction = {self.friction:g} acts where a sheet presses on the ground: it needs "
+                "weight and ground among the effects, and the barrier 'surface'"
+            )
 
     @property
     def terms(self) -> tuple[str, ...]:

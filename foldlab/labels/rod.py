@@ -54,6 +54,7 @@ class RodSource:
             f"{c.strips} strips": c.strips > 0,
             "upright=false": not c.upright,
             f"barrier {c.barrier!r}": c.barrier != "surface",
+            f"friction {c.friction:g}": c.friction > 0,
         }
         for what, asked in unfelt.items():
             if asked:

@@ -102,7 +102,9 @@ class SolverSource:
         parts += ["exists"] * (self.question == "exists") + ["falls"] * (not c.upright)
         parts += [f"noise{self.seed}"] * (self.seed is not None)
         parts += [f"pattern{c.strips}x{c.strip_share:g}"] * (c.strips > 0)
-        parts += [c.barrier] * (c.barrier != "surface")
+        parts += [c.barrier] * (c.barrier != "surface") + [f"friction{c.friction:g}"] * (
+            c.friction > 0
+        )
         for record in (self.thresholds, self.strengths, self.changing):
             parts += changed(record)
         parts += [f"{effort.refine}{screening.COARSE_ERROR:g}"] * (effort.refine != "always")
@@ -286,7 +288,7 @@ class SolverSource:
         c = self.conditions
         growth = "uniaxial" if self.question == "exists" else c.growth
         meshing = Meshing(level, self.effort.plan.element, curls=c.growth == "isotropic")
-        physics = Physics(c.terms, growth, *self._changes(lambda e: e), c.barrier)
+        physics = Physics(c.terms, growth, *self._changes(lambda e: e), c.barrier, c.friction)
         supports = Supports(("x", "y") if self.seed is None else (), c.upright)
         watch = Watch(deadline, clock)
         try:
@@ -337,7 +339,8 @@ class SolverSource:
         from solver.cases.unit.output import Shape
 
         folding = run.folding
-        if run.closed and len(run.history) < 2:
+        if (run.closed and len(run.history) < 2) or folding.model.physics.friction:
+            # What sticks where is a matter of the whole path.
             return None
         finer = unit_path.refined(
             folding, level, earlier=run.closed, rtol=self.effort.plan.tolerance, deadline=deadline,

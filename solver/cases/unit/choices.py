@@ -51,7 +51,9 @@ class Physics:
 
     ``growth``: a name in :data:`solver.cases.unit.unit.GROWTHS`. ``active``, ``passive``: what
     changes in these layers beside the contraction. ``barrier``: the ground's, "surface", or
-    "exponential" for the dissertation's (Eq. 4.5). Raises ValueError for names that are not there.
+    "exponential" for the dissertation's (Eq. 4.5). ``friction``: its coefficient μ on the surface
+    barrier, 0 for none. Raises ValueError for names that are not there, and for friction without
+    that ground.
     """
 
     effects: tuple[str, ...] = EFFECTS
@@ -59,8 +61,16 @@ class Physics:
     active: Changes = Changes()
     passive: Changes = Changes()
     barrier: str = "surface"
+    friction: float = 0.0
 
     def __post_init__(self):
+        if not 0 <= self.friction < float("inf"):
+            raise ValueError(f"friction = {self.friction}; expected a number from 0 on")
+        if self.friction and (self.barrier != "surface" or "ground" not in self.effects):
+            raise ValueError(
+                "friction acts where a sheet presses on the ground: it needs the effects gravity "
+                "and ground, and the barrier 'surface'"
+            )
         if self.growth not in GROWTHS:
             raise ValueError(f"growth {self.growth!r}; expected one of {', '.join(GROWTHS)}")
         for effect in self.effects:

@@ -29,12 +29,15 @@ from solver.equilibrium.scene import Scene
 from solver.equilibrium.sections import FreeSections, Sections
 from solver.mesh.body import Body
 from solver.physics.elastic import Elastic
+from solver.physics.friction import Friction
 from solver.physics.ground import Ground, GroundExponential
 from solver.physics.growth import Orthotropic
 from solver.physics.loads import Gravity
 from solver.physics.materials import NeoHookean
 from solver.physics.supports import Fixed, Tied, _sight, rotation_row, translation_row
 from solver.physics.term import Term
+
+SLIP = 0.01  # of the sheet's thickness, that a point moves before it slides
 
 
 @dataclass(frozen=True, eq=False)
@@ -94,13 +97,28 @@ class Model:
         return float(self.contact.gaps(self.scene.displacement(x, e)).min())
 
     def anchored(self, x: np.ndarray, e: float) -> Model:
-        """The model whose rows hold the rotations about the state x as it is now.
+        """The model whose rows hold the rotations about the state x as it is now, and whose
+        friction goes on from there.
 
         The unknowns keep their meaning. Where the rows still see most of each rotation it is this
         model itself: seen from the flat sheet's arms, a unit whose panels stand upright turns by
         nothing.
         """
         u = self.scene.displacement(x, e)
+        if self.physics.friction:
+            terms = tuple(self._sticking(term, u) for term in self.terms)
+            moved = replace(self, terms=terms, scene=self.scene.with_terms(terms))
+            return moved._turned(u)
+        return self._turned(u)
+
+    def _sticking(self, term: Term, u: np.ndarray) -> Term:
+        """The term for the step from u, where it remembers."""
+        if term.name != "friction":
+            return term
+        clock = self.watch.clock
+        return term.moved(u) if clock is None else Timed(term.moved(u), clock)
+
+    def _turned(self, u: np.ndarray) -> Model:
         turning = [row for row in self.scene.rows if row.name.startswith("rotation")]
         seen = [_sight(row, self.body.nodes + u, self.supports.centred) for row in turning]
         if min(seen, default=1.0) > 0.7:
@@ -171,9 +189,11 @@ def build(
     if "contact" in physics.effects:
         contact = _contact(unit, body)
         terms.append(contact)
+    u = np.zeros_like(body.nodes) if about is None else about(body)
+    if physics.friction:
+        terms.append(Friction.at_rest(ground, physics.friction, SLIP * unit.slenderness, u))
     if watch.clock is not None:
         terms = [Timed(t, watch.clock) for t in terms]
-    u = np.zeros_like(body.nodes) if about is None else about(body)
     sections = _sections(body, supports.mirrors, physics.heavy) if meshing.structured else None
     scene = Scene(body, terms, sections=sections, **_held(body, supports, physics.heavy, u))
     if watch.deadline is not None:

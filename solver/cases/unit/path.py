@@ -301,6 +301,9 @@ class _Walk:
             if len(self.states) >= self.max_states:
                 return self._end(Ending.TOO_LONG, Ending.TOO_LONG.value, point)
             self.model = self.model.anchored(point.x, point.e)
+            if self.model.physics.friction:
+                # What is remembered is part of every class's terms.
+                self.symmetries = Symmetries(self.model)
             point = self.stepper.advance(self.model.scene, point, 1.0)
             if isinstance(point, Point) and point.e > 1.0:
                 # An arc passes its target; load steps land on it.

@@ -277,3 +277,11 @@ def test_materials_that_change_on_the_way(simulate):
     assert changed == pytest.approx(json.loads(out)["fold_angle"], rel=1e-4)
     status, _, err = simulate(f"{line} --passive-density -1")
     assert status == 2 and "passive_density = -1.0" in err
+
+
+def test_friction_is_an_effect_where_it_is_asked_for(simulate):
+    line = f"{sets(**{**HEAVY, 'contraction': 0.02})} --accuracy 0.2 --no-pictures --json"
+    effects = [json.loads(simulate(line + more)[1])["effects"] for more in ("", " --friction 0.3")]
+    assert effects[1] == [*effects[0], "friction"]
+    status, _, err = simulate(line + " --friction -1")
+    assert status == 2 and "friction = -1; expected a number from 0 on" in err

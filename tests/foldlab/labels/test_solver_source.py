@@ -22,6 +22,7 @@ from foldlab.labels.asked import Conditions, Effort
 from foldlab.labels.foldability import Thresholds
 from foldlab.labels.label import LabelSource, storable
 from foldlab.labels.memory import hand_back
+from foldlab.labels.rod import RodSource
 from foldlab.labels.solver import SolverSource, make_source
 from foldlab.labels.strength import Strengths
 from foldlab.labels.verdict import ACROSS, CURVE_POINTS, FLOOR, Errors
@@ -427,3 +428,32 @@ def test_the_dissertations_first_row_folds_where_contraction_is_along_the_sheet(
     isotropic = make_source("solver", {"growth": "isotropic", "accuracy": 0.1}).label(row)
     assert (isotropic.foldable, isotropic.evidence["outcome"]) == (False, "curled")
     assert "never left the ground" in isotropic.reason
+
+
+def test_friction_is_told_in_the_version_and_changes_what_slides():
+    sags = LIGHT | {
+        "E_ratio": 0.1, "h_ratio": 2.0, "hinge_length": 0.3, "stiffness_to_weight": 0.05,
+        "contraction": 0.05,
+    }  # fmt: skip
+    free, rubbed = (SolverSource(Conditions(friction=mu), Effort(0.1)) for mu in (0.0, 1.0))
+    assert "friction" not in free.version and rubbed.version.endswith("-friction1")
+    one, other = free.label(sags).evidence, rubbed.label(sags).evidence
+    assert one["m1"] < other["m1"] < 0  # it sags, and its ends are held back
+    assert other["levels"] == 2 and other["error_m1"] > 0  # two paths, each with its own pulls
+
+
+@pytest.mark.parametrize(
+    "asked",
+    [{"friction": -1.0}, {"friction": np.inf}, {"friction": 0.3, "effects": "none"},
+     {"friction": 0.3, "barrier": "exponential"}],
+)  # fmt: skip
+def test_friction_without_a_ground_is_refused(asked):
+    with pytest.raises(InputError, match="friction = "):
+        Conditions(**asked)
+
+
+def test_a_rod_and_a_calibrated_error_know_no_friction():
+    with pytest.raises(InputError, match=r"friction 0\.3: a planar rod"):
+        RodSource(Conditions(friction=0.3))
+    with pytest.raises(InputError, match="take 'always'"):
+        SolverSource(Conditions(friction=0.3), Effort(refine="near"))
