@@ -53,6 +53,14 @@ def test_a_fall_ends_at_the_target_and_not_beyond_it(locate):
     assert -seen[-1].x[0] > 0.2 and seen[-1].events[-1].kind == "snap"
 
 
+def test_the_work_of_the_first_descent_is_counted():
+    scene, x, steps = truss(), np.array([-0.02]), LoadSteps(1e-10, 4e-5)
+    fallen = descend(scene, x, 0.0, rtol=1e-10, reach=0.1, max_iterations=600)
+    after = steps.begin(scene, fallen.x, 0.0, 1.0)
+    point = StableSteps(steps).begin(scene, x, 0.0, 1.0)
+    assert point.iterations == fallen.iterations + after.iterations > after.iterations
+
+
 def test_a_step_that_fails_is_cut_once_before_the_arc_is_followed(monkeypatch):
     right, tried = LoadSteps._solve, []
 
