@@ -107,6 +107,11 @@ def design(
     wish = Wish(chosen, want=want, fixed=fixed, **limits.read())
     maker = make_source(judges.source, space=chosen)
     by_angle = aim.angle is not None
+    if by_angle and not hasattr(maker, "evaluate"):
+        raise InputError(
+            f"--want angle asks for thousands of angles, and --source {judges.source} gives one at "
+            "a time; propose with --source timoshenko, and ask `foldlab check` of what you take"
+        )
     answer = inverse.propose(
         wish,
         None if by_angle else judges.classifier(maker, space, seed),
@@ -116,7 +121,9 @@ def design(
     )
     if judges.confirm:
         answer = inverse.confirm(answer, maker, seed=seed)
-    emit(answer.as_dict(), as_json, inverse.rows(answer))
+    # What Timoshenko's formula says of a unit holds where it weighs nothing.
+    heavy = getattr(getattr(maker, "conditions", None), "heavy", False)
+    emit({**answer.as_dict(), "weightless": not heavy}, as_json, inverse.rows(answer))
     if not answer.complete:
         raise NotReached(answer.reason)
 
