@@ -11,9 +11,11 @@ from pathlib import Path
 
 import mlflow
 import pytest
+import pyvista
 
 import experiments
-from experiments.common import execute
+from experiments import accuracy_calibration, problem_p
+from experiments.common import execute, main
 from foldlab.errors import InputError
 
 NAMES = [
@@ -68,3 +70,34 @@ def test_a_comparison_without_the_network_is_refused(here):
     config = replace(compare_models.TINY, models=("tree",))
     with pytest.raises(InputError, match="add network"):
         compare_models.run(config, None)
+
+
+@pytest.mark.parametrize(
+    ("flags", "designs"), [(["--tiny"], 1), (["--tiny", "--set", "designs=2"], 2)]
+)
+def test_tiny_is_the_small_version_and_settings_win_over_it(flags, designs, monkeypatch, here):
+    seen = []
+
+    def run(config, tracker):
+        seen.append(config)
+        return {"table": [{"a": 1.0}]}
+
+    monkeypatch.setattr(sys, "argv", ["experiments/robustness.py", "--json", *flags])
+    tiny = replace(accuracy_calibration.TINY, designs=1)
+    main("Is it small?", run, accuracy_calibration.Config, tiny)
+    (config,) = seen
+    assert config.designs == designs and config.accuracies == tiny.accuracies
+    assert config.accuracies != accuracy_calibration.Config().accuracies
+
+
+def test_problem_p_states_relative_errors_and_writes_its_series_over_the_load(here):
+    result = execute("problem_p", problem_p.run, problem_p.TINY)
+    for row in result["table"]:
+        exact = problem_p.ANGLES[row["growth"]]
+        assert row["error"] == pytest.approx(abs(row["angle"] / exact - 1))
+    reader = pyvista.get_reader(here / "out" / "problem_p" / "unit.pvd")
+    loads = []
+    for time in reader.time_values:
+        reader.set_active_time_value(time)
+        loads.append(float(reader.read()[0].field_data["load"][0]))
+    assert loads[0] == 0.0 and loads[-1] == 1.0 and loads == sorted(loads)

@@ -389,6 +389,11 @@ SOLID = NeoHookean(E, NU)
         (lambda: Elastic(BODY, SOLID, Orthotropic((-2.0, -2.0, 0))), "inside out"),
         (lambda: Elastic(BODY, SOLID, Orthotropic((0, 0))), "expected three"),
         (lambda: Elastic(BODY, SOLID, Orthotropic((0, 0, 0), np.ones((3, 3)))), "not orthonormal"),
+        # Nor one that is off by a thousandth only.
+        (
+            lambda: Elastic(BODY, SOLID, Orthotropic((0, 0, 0), np.eye(3) * 1.0005)),
+            r"not orthonormal in cell 0 \(off by 1\.0e-03\)",
+        ),
         (lambda: Elastic(BODY, SOLID, Apical(2.0, lambda X: 2 * X[..., 0])), r"in \[0, 1\]"),
         (lambda: Elastic(BODY, SOLID, Apical(1.0, np.ones(M))), "1 - g beta = 0 at e = 0"),
         (

@@ -11,7 +11,7 @@ from scipy.interpolate import CubicSpline
 
 from foldlab.errors import InputError
 from solver.cases.lung.geometry import Lung, unit
-from solver.cases.lung.measures import Section, measure, radial, section
+from solver.cases.lung.measures import Section, measure, radial, section, thickness
 from solver.cases.lung.mesh import Counts, hexahedra, tetrahedra
 from solver.cases.lung.model import REST, State, Tissue, inner_stretch, run, scene, to_limit
 from solver.cases.lung.stability import Classes, spread, total
@@ -242,6 +242,17 @@ def test_measures_of_known_displacements():
     assert (grown.mean_thickness, grown.variation) == pytest.approx((1.25, 0.0))
     thinner = unit(body.nodes) * 0.3 - 0.3 * body.nodes  # r → 0.3 + 0.7 r
     assert measure(body, LUNG, thinner).mean_thickness == pytest.approx(0.7, rel=1e-4)
+    # Thicker towards one pole: the thinnest and the thickest leave a hundredth of the volume each.
+    uneven = (
+        unit(body.nodes) * (0.2 * np.linalg.norm(body.nodes, axis=1) * body.nodes[:, 2])[:, None]
+    )
+    ratios, volumes, _ = thickness(body, uneven)
+    order = np.argsort(ratios)
+    below = np.cumsum(volumes[order]) / volumes.sum()
+    by = measure(body, LUNG, uneven)
+    assert by.thinnest == ratios[order][np.argmax(below >= 0.01)]
+    assert by.thickest == ratios[order][np.argmax(below >= 0.99)]
+    assert by.thickest > np.quantile(ratios, 0.95) > by.thinnest
     # A bump over the hexagon alone is the hexagon's and the whole's depth, not the pentagon's.
     bump = np.clip(1 - np.arccos(np.clip(unit(body.nodes)[:, 2], -1, 1)) / 0.2, 0, None)
     bumped = measure(body, LUNG, 0.1 * bump[:, None] * unit(body.nodes))

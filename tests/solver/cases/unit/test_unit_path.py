@@ -5,12 +5,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from folding_units import COARSE, COARSEST, HEAVY, P, angle, reached
+from folding_units import COARSE, COARSEST, HEAVY, NARROW, P, angle, reached
 
 from foldlab.labels import foldability
 from solver.cases.unit import mesh as unit_mesh
 from solver.cases.unit.choices import Meshing, Physics, Supports, Watch
 from solver.cases.unit.model import build
+from solver.cases.unit.output import Shape, write_path
 from solver.cases.unit.path import Ending, carried, fold, refined
 from solver.cases.unit.symmetry import Check, Symmetries
 from solver.cases.unit.unit import EFFECTS, Unit
@@ -198,3 +199,12 @@ def test_a_symmetry_is_left_by_the_class_that_is_lost_first_whatever_the_step(tu
     assert [h.kind for h in folding.happenings] == ["twisting"]
     assert 0.19 < folding.happenings[0].e < 0.22
     assert folding.last.unstable == 0
+
+
+def test_a_release_is_written_after_the_contraction_that_it_follows(tmp_path):
+    first = fold(build(NARROW, Meshing(level=0, curls=True), Physics(effects=())))
+    later = replace(first.model, physics=replace(first.model.physics, growth="release"))
+    half = replace(first.last, e=0.5)
+    shapes = [Shape(first.model, first.x, first.last), Shape(later, first.x, half)]
+    assert [shape.load for shape in shapes] == [1.0, 1.5]
+    assert write_path(tmp_path / "unit.pvd", shapes) == [1.0, 1.5]
