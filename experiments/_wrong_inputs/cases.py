@@ -21,6 +21,11 @@ GROUPS = {
     "contraction": 0.3, "stiffness_to_weight": 1,
 }  # fmt: skip
 UNIT = " ".join(f"--set {name}={value}" for name, value in GROUPS.items())
+SIZES = {
+    "l_s": "40mm", "b_s": "10mm", "h_s": "0.1mm", "h_i": "0.2mm", "l_i": "10mm",
+    "contraction": "20%",
+}  # fmt: skip
+MADE = " ".join(f"--set {name}={value}" for name, value in SIZES.items())
 QUICK = "--set n_train=300 --set n_test=60 --set n_fresh=90 --set map_points=90"
 # What is called, and what it reads.
 LINES = {
@@ -53,6 +58,12 @@ LINES = {
     "quickstart": (f"quickstart -o o {QUICK}", ()),
     "quickstart tracked": (f"quickstart -o o {QUICK}", ("mlruns",)),
     "simulate": (f"simulate -o o --no-pictures {UNIT}", ()),
+    "check": (f"check --quick --passive PET --active SMP {MADE}", ()),
+    "check from": (
+        f"check --quick --passive PET --active SMP --materials materials.csv {MADE}",
+        ("materials.csv",),
+    ),
+    "materials": ("materials --materials materials.csv", ("materials.csv",)),
     "experiment": ("experiment", ()),
     "experiment tracked": ("experiment", ("mlruns",)),
     "pattern": ("pattern b.csv", ("b.csv",)),
@@ -120,6 +131,11 @@ OPTIONS = {
         "--strips": (*NO_INT, "-1", "999999"),
     },
 }  # fmt: skip
+OPTIONS["check"] = {
+    "--passive": (*NO_NAME, "SMP"), "--active": (*NO_NAME, "PET"), "--growth": NO_NAME,
+    "--need": (*NOT_ABOVE_0, "90mm", "90 kg", "deg"), "--accuracy": (*NOT_ABOVE_0, "inf"),
+    "--timeout": NOT_ABOVE_0, "--materials": ("none.csv", "folder.csv", "l.csv"),
+}  # fmt: skip
 COUNT = ("much", "1.5", "[1]", "{a=1}", '""', "0", "-1", "-1e9", "nan", "inf", "1979-05-27")
 RATIO = ("much", "[1]", "{a=1}", '""', "-1", "nan", "inf", "-inf", "-0.1")
 PAIR = ("much", "3", "[1]", "[1,2,3]", "[3,1]", "[-1,3]", '["a","b"]', "[nan,1]", "[1,inf]", "[]")
@@ -165,6 +181,13 @@ SETTINGS = {
     "simulate": {
         name: ("much", "[1]", "true", "nan", "inf", "-1", "1e99", '""', "-1e-9")
         for name in (*GROUPS, "rho_ratio", "hinge_width")
+    },
+    "check": {
+        name: (
+            "much", "[1]", "true", "nan", "inf", "-1", "0", '""', "3kg", "3mm mm", "1e999mm",
+            "9**9mm", "mm", "1;mm", "5 % %",
+        )
+        for name in (*SIZES, "E_s", "rho_i")
     },
     "experiment": {"size": COUNT, "ratio": (*RATIO, "0"), "seed": ("much", "1.5", "[1]", "nan")},
 }  # fmt: skip
@@ -283,7 +306,7 @@ def _usage(rng, line, arguments, here):
         return f"--config {config}", [*arguments, "--config" if takes else "--set", config]
     # Without its input, or where there is none without an output, a model or a group.
     drop = slice(2, 4) if line == "design" else slice(1, 3)
-    if line in ("augment", "simulate", "quickstart", "design"):
+    if line in ("augment", "simulate", "quickstart", "design", "check"):
         return "a group too many", [*arguments, "--set", f"nothing{rng.integers(99)}=1"]
     return "without an argument", [
         a for k, a in enumerate(arguments) if k not in range(drop.start, drop.stop)
