@@ -129,13 +129,20 @@ class PointLoad(DeadLoad):
 
     ``nodes``: numbers, or a mask (n,). ``vector``: a force (3,) that each of them bears, or forces
     (nodes, 3). A solid gives way without bound under it on ever finer meshes: where its own sink
-    matters, spread the load over a line or a face. Raises ValueError for nodes that don't exist.
+    matters, spread the load over a line or a face. Raises ValueError for nodes that don't exist and
+    for one that is named twice.
     """
 
     def __init__(
         self, body: Body, nodes: np.ndarray, vector: Quantity, *, name: str = "point load"
     ):
         at = node_numbers(nodes, len(body.nodes))[:, None]
+        named, times = np.unique(at, return_counts=True)
+        if (times > 1).any():
+            raise ValueError(
+                f"node {named[times > 1][0]} is named {times[times > 1][0]} times and would bear "
+                "as many loads; name each node once, or give a mask of booleans"
+            )
         super().__init__(body, Nodes(at, np.ones((*at.shape, 1)), np.ones(at.shape)), vector, name)
 
 

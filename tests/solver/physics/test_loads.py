@@ -161,6 +161,12 @@ TOP = BODIES["hex27"].surface(lambda X: X[:, 2] > 0.8 - 1e-9)
         (lambda: LineLoad(BODY, Line.of(BODY, edge(BODY)), (1.0, 2.0)), "line load gave shape"),
         (lambda: PointLoad(BODY, [0, 1], np.ones((3, 3))), "point load gave shape"),
         (lambda: PointLoad(BODY, [-1], (0, 0, 1)), r"nodes -1 … -1; the body has"),
+        (lambda: PointLoad(BODY, [3, 5, 3], (0, 0, 1)), "node 3 is named 2 times"),
+        # A mask of whole numbers would load nodes 0 and 1 with all of it.
+        (
+            lambda: PointLoad(BODY, np.isin(np.arange(18), edge(BODY)).astype(int), (0, 0, 1)),
+            "node 0 is named .* mask of booleans",
+        ),
         (
             lambda: LineLoad(BODY, [0, 1], (0, 0, 1.0)),
             r"got list \[0, 1\]; expected a Line \(Line.of",
