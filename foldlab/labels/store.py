@@ -79,6 +79,9 @@ def open_checked(path: Path, *, read_only: bool) -> sqlite3.Connection:
             db.close()
         if isinstance(error, sqlite3.Error):
             raise failure(path, error) from None
+        if isinstance(error, UnicodeDecodeError):
+            # SQLite names what is damaged in the file's own bytes.
+            raise damaged(path, "a name in it is no text") from None
         raise
 
 

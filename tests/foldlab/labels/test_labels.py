@@ -187,6 +187,11 @@ def flipped_verdict(data):
     return data.replace(b"angle", b"anglf", 1)
 
 
+def index_name_no_text(data):
+    # SQLite's verdict holds these bytes, so that reading it fails in Python.
+    return data.replace(b"sqlite_autoindex_design_1", b"sqlite_autoindex_desig\xb4_1", 1)
+
+
 def empty(data):
     return b""
 
@@ -205,6 +210,7 @@ def not_a_database(data):
         flipped_page,
         flipped_text,
         flipped_verdict,
+        index_name_no_text,
         empty,
         not_a_database,
     ],
