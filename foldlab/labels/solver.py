@@ -76,7 +76,7 @@ class SolverSource:
             raise InputError(
                 f"refine {refine!r} needs a known error of the coarsest mesh, and it was measured "
                 "for uniaxial contraction of solid upright units of constant materials, with "
-                "weight, without contact; take 'always'"
+                "weight, without contact and friction; take 'always'"
             )
         if not set(FULL.names) <= set(self.space.names):
             raise InputError(

@@ -62,7 +62,9 @@ def ablate(label: Label, source: SolverSource) -> list[dict[str, Any]]:
         if name not in source.conditions.terms:
             continue
         kept = [t for t in source.conditions.terms if t not in together]
-        conditions = replace(source.conditions, effects=",".join(kept) or "none")
+        # Without a ground there is nothing to rub on.
+        friction = source.conditions.friction if "ground" in kept else 0.0
+        conditions = replace(source.conditions, effects=",".join(kept) or "none", friction=friction)
         # Without the effect the error of the coarsest mesh is not known.
         effort = replace(source.effort, refine="always")
         other = replace(source, conditions=conditions, effort=effort)

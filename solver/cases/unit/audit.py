@@ -97,12 +97,15 @@ def audit(model: Model, x: np.ndarray, e: float) -> Audit:
     """The state ``x`` (size,) of a model at the load ``e``, looked at again.
 
     Raises ValueError for what this path doesn't know: other elements than hex27, the exponential
-    barrier, and materials that change.
+    barrier, friction, and materials that change.
     """
     body, unit = model.body, model.unit
-    known = model.physics.barrier == "surface" and not model.physics.changes
+    physics = model.physics
+    known = physics.barrier == "surface" and not (physics.changes or physics.friction)
     if body.element != "hex27" or not known:
-        raise ValueError("an audit knows only hex27, the surface barrier and materials that last")
+        raise ValueError(
+            "an audit knows only hex27, the surface barrier, no friction and materials that last"
+        )
     u = model.scene.displacement(x, e)
     if not np.isfinite(u).all():
         return Audit(np.nan, np.nan, np.nan, np.nan, None, None, finite=False)

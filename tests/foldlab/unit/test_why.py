@@ -308,3 +308,10 @@ def test_the_pace_is_no_zero_where_the_clock_ticks_coarsely(monkeypatch):
     forecast.pace.cache_clear()
     assert forecast.pace() > 0
     forecast.pace.cache_clear()
+
+
+def test_without_weight_there_is_no_friction_either():
+    design = DESIGN | {"stiffness_to_weight": 1.0}
+    source = SolverSource(Conditions(friction=0.3), Effort(0.2))
+    (row,) = why.ablate(source.label(design), source)
+    assert row["without"] == "gravity,ground" and row["fold_angle"] is not None

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from folding_units import NARROW
 
+from solver.cases.unit.audit import audit
 from solver.cases.unit.choices import Meshing, Physics, Supports, Watch
 from solver.cases.unit.model import SLIP, build
 from solver.cases.unit.path import Ending, fold
@@ -67,3 +68,9 @@ def test_pulls_are_taken_along_the_path_and_timed_like_other_terms():
 def test_friction_needs_a_ground_that_is_pressed_on(given):
     with pytest.raises(ValueError, match="friction"):
         Physics(**given)
+
+
+def test_the_second_look_does_not_judge_what_it_does_not_know():
+    _, path = turned(SAGS, 0.5)
+    with pytest.raises(ValueError, match="friction"):
+        audit(path.model, path.x, path.last.e)
