@@ -63,8 +63,8 @@ def _parsed(name: str, text: str, unit: str) -> float:
         given = _units().Unit(parts["unit"].strip())
     except pint.UndefinedUnitError as error:
         raise InputError(f"{wrong} ({error})") from None
-    except Exception:
-        # Pint's parser raises whatever Python's tokeniser does.
+    except (ValueError, TypeError):
+        # What Pint's parser raises for powers and offsets that make no unit.
         raise InputError(wrong) from None
     try:
         factor = _units().Quantity(1.0, given).to("" if unit == "1" else _ascii(unit)).magnitude

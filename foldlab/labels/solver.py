@@ -102,9 +102,8 @@ class SolverSource:
         parts += ["exists"] * (self.question == "exists") + ["falls"] * (not c.upright)
         parts += [f"noise{self.seed}"] * (self.seed is not None)
         parts += [f"pattern{c.strips}x{c.strip_share:g}"] * (c.strips > 0)
-        parts += [c.barrier] * (c.barrier != "surface") + [f"friction{c.friction:g}"] * (
-            c.friction > 0
-        )
+        parts += [c.barrier] * (c.barrier != "surface")
+        parts += [f"friction{c.friction:g}"] * (c.friction > 0)
         for record in (self.thresholds, self.strengths, self.changing):
             parts += changed(record)
         parts += [f"{effort.refine}{screening.COARSE_ERROR:g}"] * (effort.refine != "always")

@@ -44,19 +44,17 @@ class Friction:
         self.slip = number("the slip of friction", slip, above=0)
         self.ground, self.pressing, self.stuck, self.name = ground, pressing, stuck, name
         self.body, self.graph = ground.body, ground.graph
-        self._along = [k for k in range(3) if k != ground.axis]
+        self._along = _along(ground)
 
     @classmethod
     def at_rest(cls, ground: Ground, coefficient: float, slip: float, u: np.ndarray) -> Friction:
         """All points stick where they are at the displacement u (n, 3), without a pull."""
-        new = cls(ground, coefficient, slip, ground.pressing(u), np.empty((0, 2)))
-        new.stuck = new._places(u)
-        return new
+        return cls(ground, coefficient, slip, ground.pressing(u), _places(ground, u))
 
     def moved(self, u: np.ndarray) -> Friction:
         """For the step from the accepted displacement u (n, 3): pulls stay as they are there, or
         as large as the normal forces at u let them be."""
-        places, pressing = self._places(u), self.ground.pressing(u)
+        places, pressing = _places(self.ground, u), self.ground.pressing(u)
         off, distance = self._off(places)
         allowed = self.coefficient * pressing
         pull = np.minimum(
@@ -71,10 +69,7 @@ class Friction:
 
     def sliding(self, u: np.ndarray) -> np.ndarray:
         """Which points press and slide at u, (points,)."""
-        return (self.pressing > 0) & (self._off(self._places(u))[1] >= self.slip)
-
-    def _places(self, u: np.ndarray) -> np.ndarray:
-        return self.ground.at_points((self.body.nodes + u)[:, self._along])
+        return (self.pressing > 0) & (self._off(_places(self.ground, u))[1] >= self.slip)
 
     def _off(self, places: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         off = places - self.stuck
@@ -82,7 +77,7 @@ class Friction:
 
     def evaluate(self, u: np.ndarray, e: float, order: int = 2) -> Evaluation:
         """Energy, force (n, 3) and blocks on the ground's graph."""
-        off, s = self._off(self._places(u))
+        off, s = self._off(_places(self.ground, u))
         most = self.coefficient * self.pressing
         sticks = s < self.slip
         energy = most @ np.where(sticks, s * s / (2 * self.slip), s - self.slip / 2)
@@ -100,3 +95,13 @@ class Friction:
         stiffness = np.zeros((len(s), 3, 3))
         stiffness[np.ix_(np.arange(len(s)), self._along, self._along)] = plane
         return Evaluation(float(energy), force, self.ground.blocks(stiffness), own=True)
+
+
+def _along(ground: Ground) -> list[int]:
+    """Axes in the ground's plane."""
+    return [k for k in range(3) if k != ground.axis]
+
+
+def _places(ground: Ground, u: np.ndarray) -> np.ndarray:
+    """Where the contact points are along the ground at u, (points, 2)."""
+    return ground.at_points((ground.body.nodes + u)[:, _along(ground)])
