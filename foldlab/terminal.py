@@ -67,6 +67,11 @@ def with_records(verb: Callable) -> Callable:
     return command
 
 
+def note(text: str) -> None:
+    """Say something on stderr, as it stands."""
+    err.print(text, markup=False, highlight=False)
+
+
 class NotReached(Exception):
     """Ran, but could not reach the result; exit status 3."""
 

@@ -26,7 +26,7 @@ from foldlab.errors import InputError
 from foldlab.quantities import numbers
 from foldlab.settings import build
 from foldlab.tables import read_table, write_table
-from foldlab.terminal import Given, Json, NotReached, Seed, Space, Workers, emit, err, with_records
+from foldlab.terminal import Given, Json, NotReached, Seed, Space, Workers, emit, note, with_records
 
 # Heavy imports (torch, MLflow, Matplotlib) stay inside the verbs, so that --help answers at once.
 
@@ -45,7 +45,7 @@ def main() -> None:
     try:
         status = app(standalone_mode=False)
     except NotReached as error:
-        _say(f"not reached: {error}")
+        note(f"not reached: {error}")
         sys.exit(3)
     except typer.Abort:
         sys.exit(130)
@@ -54,7 +54,7 @@ def main() -> None:
         sys.stdout = None
         sys.exit(0)
     except Exception as error:
-        _say(f"error: {_sentence(error)}")
+        note(f"error: {_sentence(error)}")
         sys.exit(2)
     sys.exit(status or 0)
 
@@ -78,11 +78,7 @@ def _sentence(error: Exception) -> str:
 
 
 def _show_warning(message, category, filename, lineno, file=None, line=None) -> None:
-    _say(f"warning: {message}")
-
-
-def _say(text: str) -> None:
-    err.print(text, markup=False, highlight=False)
+    note(f"warning: {message}")
 
 
 @app.callback(invoke_without_command=True)
@@ -207,7 +203,7 @@ def augment(
             plan,
             seeds=range(seed, seed + seeds),
             target=target,
-            progress=None if as_json else err.print,
+            progress=None if as_json else note,
         )
         write_table(curves, out / "curves.csv")
         save_figure(plot_learning_curves(curves, target=target, as_error=True), out / "curves.png")
@@ -262,7 +258,7 @@ def quickstart(
     chosen = build(Settings, given.read(), seed=seed)
     local = "MLFLOW_TRACKING_URI" not in os.environ
     with only_whole(ROOT) if local else nullcontext(), output_folder(out):
-        result = run(chosen, out, say=_say)
+        result = run(chosen, out, say=note)
     emit(result, as_json, readable(result["table"]))
 
 

@@ -11,7 +11,7 @@ import typer
 
 from foldlab.cli.outputs import output_folder
 from foldlab.quantities import in_si, numbers
-from foldlab.terminal import Given, Json, NotReached, emit, err
+from foldlab.terminal import Given, Json, NotReached, emit, note
 
 if TYPE_CHECKING:
     from foldlab.labels.label import Label
@@ -103,7 +103,7 @@ def check(
     )
     source.unit(unit.groups)
     first = by_rod(unit, source)
-    _note(_first(first))
+    note(_first(first))
     answer: dict[str, Any] = {
         "materials": dict(unit.materials),
         "physical": dict(unit.physical),
@@ -313,7 +313,3 @@ def _range(row, name: str, factor: float) -> str:
 def _number(value: float) -> str:
     """Three digits, and no power of ten where it can be helped."""
     return f"{float(f'{value:.3g}'):g}"
-
-
-def _note(text: str) -> None:
-    err.print(text, markup=False, highlight=False)

@@ -13,7 +13,7 @@ from foldlab.cli.outputs import check_file
 from foldlab.design import space_named, space_of
 from foldlab.errors import InputError
 from foldlab.tables import SUFFIXES, read_table, write_table
-from foldlab.terminal import Given, Json, NotReached, Seed, Space, emit, err
+from foldlab.terminal import Given, Json, NotReached, Seed, Space, emit, note
 
 
 def sample(
@@ -71,7 +71,7 @@ def label(
     if source == "solver":
         thick = int(thick_hinge(table).sum())
         if thick:
-            _say(
+            note(
                 f"warning: {thick} of {len(table)} designs have an active layer thicker than their "
                 f"hinge is long: {THICK_HINGE}"
             )
@@ -79,10 +79,10 @@ def label(
         store = stack.enter_context(LabelStore(out))
         options = {"workers": workers or 1}
         if dask is not None:
-            executor = stack.enter_context(dask_executor(dask, _say))
+            executor = stack.enter_context(dask_executor(dask, note))
             options = {"executor": executor, "in_flight": IN_FLIGHT}
             if hasattr(maker, "label_many"):
-                _say(f"the source {source} is a formula: computed here, not on the cluster")
+                note(f"the source {source} is a formula: computed here, not on the cluster")
         report = run_campaign(
             table, maker, store, retry_unknown=retry_unknown, progress=not as_json, **options
         )
@@ -90,10 +90,6 @@ def label(
     emit({**report.as_dict(), "store": out}, as_json, reasons)
     if not report.complete:
         raise NotReached(report.outcome)
-
-
-def _say(text: str) -> None:
-    err.print(text, markup=False, highlight=False)
 
 
 def export(

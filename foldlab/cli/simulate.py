@@ -18,7 +18,7 @@ from foldlab.cli.check import Made, Need
 from foldlab.cli.outputs import output_folder
 from foldlab.errors import InputError
 from foldlab.quantities import numbers
-from foldlab.terminal import Given, Json, NotReached, emit, err
+from foldlab.terminal import Given, Json, NotReached, emit, note
 from foldlab.unit.record import (
     WEIGHT,
     _warn,
@@ -205,7 +205,7 @@ def simulate(
     with output_folder(out):
         expected = forecast(design, source)
         accuracy = solving.accuracy
-        _note(expected.sentence(accuracy) if expected else "expected: nothing known of such labels")
+        note(expected.sentence(accuracy) if expected else "expected: nothing known of such labels")
         clock = {} if asked.why else None
         run, label = source.follow(design, clock)
         result = summary(label, run, source)
@@ -302,7 +302,3 @@ def readable(result: Mapping[str, Any]) -> dict[str, Any]:
                 for part, value in out[name].items()
             )
     return out
-
-
-def _note(text: str) -> None:
-    err.print(text, markup=False, highlight=False)

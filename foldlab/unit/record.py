@@ -16,7 +16,7 @@ from foldlab.errors import InputError
 from foldlab.labels.label import Label
 from foldlab.labels.run import Run
 from foldlab.labels.solver import SolverSource
-from foldlab.terminal import err, plain
+from foldlab.terminal import note, plain
 
 # A hinge as wide as its panels and as dense: what a design is that says nothing of them.
 DEFAULTS = {"rho_ratio": 1.0, "hinge_width": 1.0}
@@ -230,4 +230,4 @@ def _title(contraction: float, load: float, heavy: bool) -> str:
 
 
 def _warn(text: str) -> None:
-    err.print(f"warning: {text}", markup=False, highlight=False)
+    note(f"warning: {text}")

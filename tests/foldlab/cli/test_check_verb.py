@@ -1,11 +1,9 @@
 """``foldlab check`` and ``foldlab materials`` as a maker meets them."""
 
 import json
-import sys
 
 import pytest
 
-from foldlab.cli import app as cli
 from foldlab.labels.solver import SolverSource
 
 SIZES = "--set l_s=40mm --set b_s=10mm --set h_s=0.1mm --set h_i=0.2mm --set l_i=10mm"
@@ -14,21 +12,6 @@ SILICONE = (
     "--set l_s=100mm --set b_s=25mm --set h_s=1mm --set h_i=1mm --set l_i=20mm "
     "--set contraction=20% --set E_s=1MPa --set rho_s=1000 --set E_i=0.3MPa --set rho_i=1000"
 )
-
-
-@pytest.fixture
-def foldlab(tmp_path, monkeypatch, capsys):
-    """Call a verb in a fresh folder; returns (status, stdout, stderr)."""
-    monkeypatch.chdir(tmp_path)
-
-    def call(line):
-        monkeypatch.setattr(sys, "argv", ["foldlab", *line.split()])
-        with pytest.raises(SystemExit) as end:
-            cli.main()
-        out = capsys.readouterr()
-        return end.value.code, out.out, out.err
-
-    return call
 
 
 def test_a_unit_in_millimetres_and_materials_is_answered_in_degrees(foldlab, tmp_path):
