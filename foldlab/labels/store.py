@@ -6,7 +6,7 @@ import json
 import sqlite3
 import zlib
 from collections.abc import Iterable
-from contextlib import closing, contextmanager
+from contextlib import closing, contextmanager, suppress
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any, Literal
@@ -188,12 +188,12 @@ class LabelStore:
 
     def close(self) -> None:
         """Close the file and free the lock; what was added is already on disk."""
-        refused = self._db is None
         if self._db is not None:
             self._db.close()
         if self._lock is not None:
-            if refused:
-                Path(self._lock.lock_file).unlink(missing_ok=True)
+            # Taken away while it is held: whoever waits for the file that was sees that it is gone.
+            with suppress(OSError):
+                Path(self._lock.lock_file).unlink()
             self._lock.release()
         self._db = self._lock = None
         self.mode = "closed"

@@ -106,8 +106,9 @@ def choose_threshold(model, X, y, *, rate: float, confidence: float = CONFIDENCE
 
 def with_threshold(model, threshold: float) -> FixedThresholdClassifier:
     """The fitted ``model`` that answers "folds" where its probability is ≥ ``threshold``."""
-    if not 0 <= threshold <= 1:
-        raise InputError(f"threshold = {threshold}; expected a probability from 0 to 1")
+    number = isinstance(threshold, int | float) and not isinstance(threshold, bool)
+    if not (number and 0 <= threshold <= 1):
+        raise InputError(f"threshold = {threshold!r}; expected a probability from 0 to 1")
     return FixedThresholdClassifier(
         model, threshold=float(threshold), response_method="predict_proba"
     )

@@ -182,11 +182,12 @@ class Foundation:
         if self._memo is None or (self._memo[0] != e and not still):
             s, g = self.surface, self.graph
             k = []
-            for what, value in (("normal", self.normal), ("tangential", self.tangential)):
+            for side, value in (("normal", self.normal), ("tangential", self.tangential)):
+                what = f"{side} stiffness"
                 given = resolve(what, value, e, s.weights.shape, lambda: _positions(s, self.body))
                 if not (given >= 0).all():
                     raise Unphysical(
-                        f"{what} stiffness = {given.min():g} at e = {e:g}; expected >= 0: a "
+                        f"{what} = {given.min():g} at e = {e:g}; expected >= 0: a "
                         "foundation pulls back"
                     )
                 k.append(given[..., None, None])

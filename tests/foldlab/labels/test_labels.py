@@ -247,7 +247,7 @@ def test_a_label_without_its_design_is_damage(filled):
         LabelStore(filled, mode="read")
 
 
-def test_a_store_that_is_refused_leaves_no_lock(path):
+def test_a_store_leaves_no_lock_refused_or_closed(path):
     path.write_text("a table, perhaps")
     with pytest.raises(InputError, match="damaged or no label store"):
         LabelStore(path)
@@ -259,6 +259,7 @@ def test_a_store_that_is_refused_leaves_no_lock(path):
         with pytest.raises(InputError, match="another process is writing"):
             LabelStore(path)
         assert path.with_name(f"{path.name}.lock").exists()
+    assert [p.name for p in path.parent.iterdir()] == [path.name]
 
 
 def test_other_databases_are_left_alone(path, filled):
@@ -312,4 +313,4 @@ def test_export_refuses_clearly(path, tmp_path):
                 store.export(out)
         with pytest.raises(InputError, match="it has: test 1"):
             store.export(tmp_path / "l.csv", source="tset")
-    assert {p.name for p in tmp_path.iterdir()} == {"s.db", "s.db.lock"}
+    assert {p.name for p in tmp_path.iterdir()} == {"s.db"}

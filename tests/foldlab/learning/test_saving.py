@@ -237,8 +237,9 @@ def test_a_wrong_card_is_refused(saved):
     with pytest.raises(InputError, match="cannot read the model"):
         load_model(saved)
     for wrong, cause in (
-        ({"threshold": "nan"}, "cannot read the model"),
-        ({"threshold": {"a": 1}}, "cannot read the model"),
+        ({"threshold": "nan"}, "threshold = 'nan'; expected a probability"),
+        ({"threshold": {"a": 1}}, "expected a probability"),
+        ({"threshold": True}, "threshold = True; expected a probability"),
         ({"threshold": 1.5}, "expected a probability"),
         ({"kind": []}, r"kind \[\]"),
         ({"space": []}, "does not describe a model"),

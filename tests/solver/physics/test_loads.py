@@ -176,7 +176,9 @@ TOP = BODIES["hex27"].surface(lambda X: X[:, 2] > 0.8 - 1e-9)
         (lambda: Traction(BODY, TOP, (0, 0, 1.0)), r"Surface has node \d+, .* another body"),
         (lambda: Foundation(BODY, SIDE, -1.0), "normal stiffness = -1 .*expected >= 0"),
         (lambda: Foundation(BODY, SIDE, 1.0, lambda e: e - 1), "tangential stiffness = -1 at e"),
-        (lambda: Foundation(BODY, SIDE, np.ones(3)), "normal gave shape"),
+        (lambda: Foundation(BODY, SIDE, np.ones(3)), "normal stiffness gave shape"),
+        (lambda: Foundation(BODY, SIDE, np.inf), "normal stiffness is not finite"),
+        (lambda: Foundation(BODY, SIDE, 1.0, np.nan), "tangential stiffness is not finite"),
     ],
 )
 def test_bad_input(make, message):
