@@ -138,22 +138,29 @@ def track(experiment: str, config: Mapping[str, Any], *, seed: int | None = None
         warnings.simplefilter("ignore")
         if not inside:
             mlflow.set_tracking_uri(uri)
-        if uri == _local_uri():
+        local = uri == _local_uri()
+        if local:
             _check(ROOT / "mlflow.db")
             ROOT.mkdir(exist_ok=True)
-            # Two that start at once would both make the database, and one would fail.
-            with FileLock(ROOT / "mlflow.db.lock"):
-                number = _experiment(experiment, str((ARTIFACTS / experiment).resolve()))
-                _make_relative(ROOT / "mlflow.db")
-        else:
-            try:
+        try:
+            if local:
+                # Two that start at once would both make the database, and one would fail.
+                with FileLock(ROOT / "mlflow.db.lock"):
+                    number = _experiment(experiment, str((ARTIFACTS / experiment).resolve()))
+                    _make_relative(ROOT / "mlflow.db")
+            else:
                 number = _experiment(experiment)
-            except Exception as error:  # whatever a server, or a database, makes MLflow raise
-                why = str(error).partition("\n")[0]
-                raise InputError(
-                    f"MLflow can't use {uri} ({why}); mend MLFLOW_TRACKING_URI, or unset it"
-                ) from error
-        with mlflow.start_run(experiment_id=number, nested=inside) as run:
+            opened = mlflow.start_run(experiment_id=number, nested=inside)
+        except Exception as error:  # whatever a server, or a database, makes MLflow raise
+            why = str(error).partition("\n")[0]
+            place = ROOT / "mlflow.db" if local else uri
+            what = (
+                "move that away to start afresh"
+                if local
+                else "mend MLFLOW_TRACKING_URI, or unset it"
+            )
+            raise InputError(f"MLflow can't use {place} ({why}); {what}") from error
+        with opened as run:
             mlflow.log_params({key: str(value)[:500] for key, value in config.items()})
             mlflow.set_tags({"seed": str(seed), "commit": commit(), "foldlab": foldlab.__version__})
             try:
@@ -197,6 +204,8 @@ def _check(database: Path) -> None:
                 verdict = "it has no runs"
     except sqlite3.Error as error:
         verdict = str(error)
+    except UnicodeDecodeError:
+        verdict = "a name in it is no text"  # SQLite names what is damaged in the file's own bytes
     if verdict != "ok":
         raise InputError(
             f"{database} is damaged or no database of MLflow ({' '.join(verdict.split())}); move "

@@ -46,12 +46,16 @@ def local(empty, tmp_path, monkeypatch):
     return f"sqlite:///{folder / 'mlruns' / 'mlflow.db'}"
 
 
-@pytest.mark.parametrize("damage", ["cut", "other", "folder"])
+@pytest.mark.parametrize("damage", ["cut", "other", "folder", "name"])
 def test_another_or_a_damaged_database_is_refused_and_left_alone(damage, local):
     """MLflow ended in its own traceback, or made its tables in somebody's database."""
     path = Path("mlruns/mlflow.db")
     if damage == "cut":
         path.write_bytes(path.read_bytes()[:-8000])
+    elif damage == "name":
+        # SQLite's verdict holds these bytes, so that reading it fails in Python.
+        name = b"sqlite_autoindex_experiments_1"
+        path.write_bytes(path.read_bytes().replace(name, name[:-2] + b"\xb4_", 1))
     else:
         path.unlink()
         if damage == "folder":
@@ -65,6 +69,15 @@ def test_another_or_a_damaged_database_is_refused_and_left_alone(damage, local):
         pass
     assert damage == "folder" or path.read_bytes() == before
     assert [p.name for p in path.parent.iterdir()] == [path.name]
+
+
+def test_a_database_that_mlflow_fails_on_is_refused(local):
+    """Sound to SQLite, but not to MLflow: a text column that holds no text."""
+    with closing(sqlite3.connect("mlruns/mlflow.db")) as known, known:
+        known.execute("UPDATE experiments SET artifact_location = CAST(x'f4f4' AS TEXT)")
+    cause = r"MLflow can't use .*mlflow.db .*move that away"
+    with pytest.raises(InputError, match=cause), track("kept", {}):
+        pass
 
 
 def test_an_address_that_is_none_is_refused(monkeypatch):
