@@ -152,14 +152,7 @@ def track(experiment: str, config: Mapping[str, Any], *, seed: int | None = None
                 number = _experiment(experiment)
             opened = mlflow.start_run(experiment_id=number, nested=inside)
         except Exception as error:  # whatever a server, or a database, makes MLflow raise
-            why = str(error).partition("\n")[0]
-            place = ROOT / "mlflow.db" if local else uri
-            what = (
-                "move that away to start afresh"
-                if local
-                else "mend MLFLOW_TRACKING_URI, or unset it"
-            )
-            raise InputError(f"MLflow can't use {place} ({why}); {what}") from error
+            raise _unusable(error, ROOT / "mlflow.db" if local else uri, local) from error
         with opened as run:
             mlflow.log_params({key: str(value)[:500] for key, value in config.items()})
             mlflow.set_tags({"seed": str(seed), "commit": commit(), "foldlab": foldlab.__version__})
@@ -188,6 +181,25 @@ def _experiment(name: str, artifacts: str | None = None) -> str:
         for run in old:
             client.delete_run(run.info.run_id)
     return number
+
+
+def _unusable(error: Exception, place: Path | str, local: bool) -> InputError:
+    """The one sentence for what MLflow could not open."""
+    cause = error
+    while cause is not None and not isinstance(cause, sqlite3.Error):
+        cause = cause.__cause__ or cause.__context__
+    # SQLAlchemy and MLflow put the names of their classes around what SQLite says.
+    why = str(cause or error).partition("\n")[0]
+    # The primary code is the low byte of an extended one.
+    code = (getattr(cause, "sqlite_errorcode", None) or 0) & 0xFF
+    disk = (sqlite3.SQLITE_FULL, sqlite3.SQLITE_IOERR, sqlite3.SQLITE_READONLY)
+    if code in disk or (local and isinstance(error, OSError)):
+        what = "free some space or give another place"
+    elif local:
+        what = "move that away to start afresh"
+    else:
+        what = "mend MLFLOW_TRACKING_URI, or unset it"
+    return InputError(f"MLflow can't use {place} ({why}); {what}")
 
 
 def _check(database: Path) -> None:

@@ -116,7 +116,7 @@ def test_a_disk_that_fills_up_on_the_way_is_one_sentence(inputs, tmp_path, verb)
     before = sorted(tmp_path.rglob("*"))
     with no_room_beyond(5000):
         result = inputs(f"{line} -o {name}")
-    refused(result, tmp_path, before)
+    assert "give another place" in refused(result, tmp_path, before)
 
 
 def test_a_network_that_finds_no_room_does_not_end_the_process(inputs, tmp_path):
