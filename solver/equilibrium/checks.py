@@ -28,12 +28,20 @@ def row_matrix(rows: Sequence[Row], n: int, to_local) -> sp.csr_array:
                 f"row {row.name!r} has coefficients of shape {c.shape}; expected ({n}, 3), finite "
                 "and not all zero"
             )
-        value = row.value(0.0) if callable(row.value) else row.value
-        target = numbers(f"the value of row {row.name!r}", value)
-        if target.shape or not np.isfinite(target):
-            raise ValueError(f"row {row.name!r} has the value {target}; expected one finite number")
+        row_value(row, 0.0)
         local.append(sp.csr_array(to_local(c).reshape(1, -1)))
     return sp.csr_array(sp.vstack(local)) if local else sp.csr_array((0, 3 * n))
+
+
+def row_value(row: Row, e: float) -> float:
+    """What a row's sum is to be at the load e; ValueError for what is no finite number."""
+    value = row.value(e) if callable(row.value) else row.value
+    target = numbers(f"the value of row {row.name!r}", value)
+    if target.shape or not np.isfinite(target):
+        raise ValueError(
+            f"row {row.name!r} has the value {target} at e = {e:g}; expected one finite number"
+        )
+    return float(target)
 
 
 def refuse_rows(rows: Sequence[Row], C: sp.csr_array, own: sp.csr_array) -> None:

@@ -24,6 +24,7 @@ import numpy as np
 
 from solver.equilibrium.linear import SingularMatrix
 from solver.equilibrium.scene import Scene, System
+from solver.mesh.given import numbers
 
 
 class Outcome(Enum):
@@ -260,7 +261,7 @@ def roundoff(linear_residual: Callable, solve: Callable, dz: np.ndarray, size: C
 
 def checked(scene: Scene, x: np.ndarray, rtol: float) -> np.ndarray:
     """x as floats; raises ValueError for a wrong shape or a tolerance ≤ 0."""
-    x = np.asarray(x, dtype=float)
+    x = numbers("the guess", x)
     if x.shape != (scene.size,):
         raise ValueError(
             f"the guess has shape {x.shape}; expected ({scene.size},): Scene.unknowns(u) makes it "

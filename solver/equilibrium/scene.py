@@ -22,7 +22,7 @@ from solver.equilibrium.linear import Factor
 from solver.equilibrium.pattern import Frame
 from solver.equilibrium.sections import FreeSections, Sections
 from solver.mesh.body import Body, NodeGraph
-from solver.mesh.given import number, one_of
+from solver.mesh.given import number, numbers, one_of
 from solver.physics.fields import Unphysical
 from solver.physics.supports import Fixed, Row, Tied
 from solver.physics.term import Evaluation, Term
@@ -184,13 +184,24 @@ class Scene:
     # -- what is held ----------------------------------------------------------------------------
 
     def displacement(self, x: np.ndarray, e: float) -> np.ndarray:
-        """u (nodes, 3) of the unknowns x at the load e."""
+        """u (nodes, 3) of the unknowns x (size,) at the load e; ValueError for another shape."""
+        x = numbers("x", x)
+        if x.shape != (self.size,):
+            raise ValueError(f"x has shape {x.shape}; expected ({self.size},)")
         local = self._held.values(e)
         local[self._held.index] = x[: self.n_free]
         return self._held.to_global(self._held.spread(local).reshape(-1, 3))
 
     def unknowns(self, u: np.ndarray, multipliers: np.ndarray | None = None) -> np.ndarray:
-        """x of a displacement (nodes, 3); prescribed components are dropped."""
+        """x of a displacement (nodes, 3); prescribed components are dropped.
+
+        Raises ValueError for another shape.
+        """
+        u = numbers("displacement", u)
+        if u.shape != (self.n_nodes, 3):
+            raise ValueError(
+                f"displacement has shape {u.shape}; expected ({self.n_nodes}, 3): one row per node"
+            )
         x = np.zeros(self.size)
         x[: self.n_free] = self._held.to_local(u).ravel()[self._held.index]
         if multipliers is not None:
@@ -325,7 +336,7 @@ class Scene:
         R = self.pulls(force)
         if self.n_rows:
             R[: self.n_free] += self.frame.C_free.T @ x[self.n_free :]
-            targets = [r.value(e) if callable(r.value) else r.value for r in self.rows]
+            targets = [checks.row_value(row, e) for row in self.rows]
             R[self.n_free :] = self.frame.C @ self._held.to_local(u).ravel() - targets
         return R
 

@@ -81,6 +81,11 @@ def node_numbers(nodes, n: int) -> np.ndarray:
             f"nodes of shape {given.shape} and type {given.dtype}; expected numbers of nodes or a "
             f"mask ({n},), and at least one: Body.nodes_where gives them"
         )
+    if len(given) == n > 2 and 0 <= given.min() <= given.max() <= 1:
+        raise ValueError(
+            f"nodes are {n} zeros and ones, one per node of the body: a mask of whole numbers; "
+            "give it as booleans, mask.astype(bool)"
+        )
     if given.min() < 0 or given.max() >= n:
         raise ValueError(f"nodes {given.min()} … {given.max()}; the body has 0 … {n - 1}")
     return given.astype(int)

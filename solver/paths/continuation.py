@@ -17,6 +17,7 @@ from scipy.optimize import brentq
 
 from solver.equilibrium.newton import Outcome, checked, newton
 from solver.equilibrium.scene import Scene
+from solver.mesh.given import number, numbers
 from solver.paths.arc import NotFollowed, between, tangent
 from solver.paths.point import Ended, Point, Uncounted, Unlocated, reason
 from solver.paths.stability import Event, locate
@@ -35,8 +36,8 @@ class Load:
 
 
 def load(value: float) -> Load:
-    """Target: the load ``value``, met exactly."""
-    return Load(float(value))
+    """Target: the load ``value``, met exactly; ValueError for no finite number."""
+    return Load(number("the load to reach", value))
 
 
 @dataclass(frozen=True)
@@ -104,8 +105,9 @@ def follow(
     points where the number of unstable modes or the direction of the load changes. ``bounds``:
     loads at which to give up.
 
-    Raises ValueError for a guess of the wrong shape, for max_steps < 1, for a body that can be
-    moved rigidly without resistance, and for a start at a load where a term has no meaning.
+    Raises ValueError for a guess of the wrong shape, for max_steps < 1, for an ``until`` that is no
+    function and gives no number, for a body that can be moved rigidly without resistance, and for a
+    start at a load where a term has no meaning.
     """
     ended = yield from _walk(
         scene, start, stepper, e=e, until=until, max_steps=max_steps, events=events, bounds=bounds
@@ -118,8 +120,12 @@ def _walk(
     bounds=(-np.inf, np.inf),
 ) -> Generator[Point, None, Ended]:  # fmt: skip
     """:func:`follow`, which tells what was located beyond the last point too."""
-    if max_steps < 1:
-        raise ValueError(f"max_steps = {max_steps}; expected at least 1")
+    if not isinstance(max_steps, int | np.integer) or max_steps < 1:
+        raise ValueError(f"max_steps = {max_steps!r}; expected a whole number, at least 1")
+    if not callable(until):
+        raise ValueError(f"until = {until!r}; expected load({until!r}), or a function of a point")
+    if numbers("bounds", bounds).shape != (2,):
+        raise ValueError(f"bounds = {bounds!r}; expected the lowest and the highest load")
     target = until.value if isinstance(until, Load) else None
     if isinstance(start, Point):
         checked(scene, start.x, stepper.rtol)
@@ -132,7 +138,7 @@ def _walk(
         if isinstance(point, Ended):
             return point
         yield point
-    gap = until(point)
+    gap = _gap(until, point)
     if gap == 0 and target is not None:
         return (
             _there(scene, point, stepper.rtol)
@@ -164,9 +170,14 @@ def _walk(
         if not bounds[0] <= after.e <= bounds[1]:
             return Ended(Outcome.OUT_OF_BOUNDS)
         point = replace(after, events=located)
-        gap, missed = until(point), ""
+        gap, missed = _gap(until, point), ""
         yield point
     return Ended(Outcome.MAX_STEPS, why=partial(str, missed))
+
+
+def _gap(until: Load | Callable[[Point], float], point: Point) -> float:
+    """The signed distance to the target."""
+    return number("what until gives of a point", until(point))
 
 
 def _there(scene: Scene, start: Point, rtol: float) -> Ended:
@@ -266,7 +277,7 @@ def _unexplained(before: Point, after: Point) -> bool:
 
 def _end(scene, before, after, located, until, gap, rtol) -> Point | Outcome | None:
     """Where ``until`` vanishes between two points; None: nowhere; an Outcome: it was not met."""
-    there = until(after)
+    there = _gap(until, after)
     if there == 0:
         return after
     if gap == 0:
@@ -281,7 +292,7 @@ def _end(scene, before, after, located, until, gap, rtol) -> Point | Outcome | N
         if not beyond:
             return None
         made = between(scene, before, after, beyond[0].fraction, rtol=rtol)
-        if made is None or until(made[0]) * gap > 0:
+        if made is None or _gap(until, made[0]) * gap > 0:
             return None
         middle = made[0]
         after = replace(
@@ -300,13 +311,13 @@ def _land(scene, before, after, until, rtol) -> Point | Outcome:
     def value(fraction):
         nonlocal last, spent
         if fraction in (0.0, 1.0):
-            return until(before if fraction == 0 else after)
+            return _gap(until, before if fraction == 0 else after)
         made = between(scene, before, after, fraction, rtol=rtol)
         if made is None:
             raise NotFollowed(f"no equilibrium was found at {fraction:.3g} of the step")
         last = made[0]
         spent += last.iterations
-        return until(last)
+        return _gap(until, last)
 
     try:
         # A load is met exactly by Newton afterwards.

@@ -10,6 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from solver.mesh.given import numbers
 from solver.paths.point import Metric
 
 
@@ -99,5 +100,6 @@ class ArcPace:
 def positive(choices, *names: str) -> None:
     """Raises ValueError for the first of the attributes that is not > 0."""
     for name in names:
-        if not getattr(choices, name) > 0:
+        value = numbers(name, getattr(choices, name))
+        if value.shape or not value > 0:
             raise ValueError(f"{name} = {getattr(choices, name)}; expected a number > 0")

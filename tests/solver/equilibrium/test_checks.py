@@ -6,6 +6,8 @@ import skfem
 
 from solver.equilibrium.scene import Scene
 from solver.mesh.body import Body
+from solver.paths.continuation import trace
+from solver.paths.steppers import LoadSteps
 from solver.physics.elastic import Elastic
 from solver.physics.materials import NeoHookean
 from solver.physics.supports import Fixed, Held, Row, rotation_row, translation_row
@@ -178,7 +180,7 @@ def test_rows_that_follow_from_each_other_are_named(body):
         (Row(np.zeros((27, 3))), "not all zero"),
         (Row(np.full((27, 3), np.nan)), "finite"),
         (Row("much"), "row 'row' is 'much'; expected numbers"),
-        (Row(np.ones((27, 3)), np.nan), "has the value nan; expected one finite number"),
+        (Row(np.ones((27, 3)), np.nan), "has the value nan at e = 0; expected one finite"),
         (Row(np.ones((27, 3)), [1.0, 2.0]), "expected one finite number"),
         (Row(np.ones((27, 3)), lambda e: 1 / e if e else np.inf), "value inf"),
     ],
@@ -186,6 +188,14 @@ def test_rows_that_follow_from_each_other_are_named(body):
 def test_a_row_that_makes_no_sense_is_refused(body, row, message):
     with pytest.raises(ValueError, match=message):
         scene(body, rows=[row])
+
+
+def test_a_row_whose_value_is_lost_on_the_way_is_named(body):
+    clamp = [Fixed(body.nodes_where(lambda x: x[:, 2] < 1e-9), d) for d in (X, Y, Z)]
+    row = picking(body, body.nodes[:, 2].argmax(), 0, value=lambda e: 0.1 * e if e < 0.6 else None)
+    held = scene(body, clamp, [row])
+    with pytest.raises(ValueError, match=r"row 'picked' has the value nan at e = 0\.[67]\d*; exp"):
+        trace(held, np.zeros(held.size), LoadSteps(1e-8, 0.25), max_steps=20)
 
 
 def test_cells_without_material_are_named_and_no_singular_matrix(body):

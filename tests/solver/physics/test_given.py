@@ -4,8 +4,12 @@ import numpy as np
 import pytest
 from proofs import block
 
+from solver.equilibrium.newton import newton
+from solver.equilibrium.reactions import reaction
 from solver.equilibrium.scene import Scales, Scene
 from solver.mesh.body import Body
+from solver.paths.continuation import load, trace
+from solver.paths.steppers import ArcLength, LoadSteps
 from solver.physics.elastic import Elastic
 from solver.physics.ground import Ground, GroundExponential
 from solver.physics.growth import AlongFibre, Apical, General, Isotropic, Orthotropic
@@ -53,6 +57,15 @@ def scene(*more, **given):
     return Scene(BODY, [Elastic(BODY, SOLID), *more], **given)
 
 
+LOW = BODY.nodes[:, 2] < 1e-9
+HELD = scene(fixed=[Fixed(LOW, axis) for axis in np.eye(3)])
+REST = np.zeros(HELD.size)
+
+
+def walk(**given):
+    return trace(HELD, REST, LoadSteps(1e-8, 0.5), **({"max_steps": 9} | given))
+
+
 # Makes something of one value; one that it takes; what it must refuse.
 GIVEN = {
     "E": (lambda v: Elastic(BODY, NeoHookean(v, 0.3)), 1.0, POSITIVE),
@@ -85,7 +98,17 @@ GIVEN = {
     "loaded nodes": (
         lambda v: PointLoad(BODY, v, (0, 0, 1)),
         [0, 1],
-        [*PLUS, N, np.zeros(N, bool)],
+        [*PLUS, N, np.zeros(N, bool), LOW.astype(int)],
+    ),
+    "held nodes": (
+        lambda v: scene(fixed=[Fixed(v, (1, 0, 0))]),
+        LOW,
+        [*PLUS, N, np.zeros(N, bool), LOW.astype(int), LOW.astype(np.uint8)],
+    ),
+    "nodes of a reaction": (
+        lambda v: reaction(HELD, REST, 0.0, v),
+        LOW,
+        [*PLUS, N, LOW.astype(int)],
     ),
     "foundation": (lambda v: Foundation(BODY, TOP, v), 1.0, PLUS),
     "pressure": (lambda v: Pressure(BODY, TOP, v), -1.0, [*NEVER, None]),
@@ -121,6 +144,15 @@ GIVEN = {
     "rows": (lambda v: scene(rows=v), [], [*POSITIVE[:3], Row(np.ones((N, 3))), [Fixed([0], 0)]]),
     "scales": (lambda v: scene(scales=v), Scales(1.0, 1.0, 1.0), [*NEVER, 1.0]),
     "scale": (lambda v: Scales(1.0, v, 1.0), 1.0, POSITIVE),
+    "x": (lambda v: HELD.displacement(v, 0.0), REST, [*POSITIVE[3:], REST[1:]]),
+    "u": (HELD.unknowns, BODY.nodes, [*POSITIVE[2:], BODY.nodes[1:], BODY.nodes.ravel()]),
+    "guess": (lambda v: newton(HELD, v, 0.0, rtol=1e-8), REST, [*POSITIVE[2:], REST[1:]]),
+    "step": (lambda v: LoadSteps(1e-8, v), 0.1, [*POSITIVE[2:], np.nan]),
+    "rtol": (lambda v: ArcLength(v, a=0.1, b=0.1), 1e-8, [*POSITIVE[2:], np.nan]),
+    "target": (lambda v: walk(until=v), load(1.0), [1.0, "e", None, lambda p: None, lambda p: "e"]),
+    "load to reach": (load, 1.0, [*NEVER, None]),
+    "steps allowed": (lambda v: walk(max_steps=v), 9, [*POSITIVE, 1.5]),
+    "bounds": (lambda v: walk(bounds=v), (-1, 2), [*POSITIVE, (1,)]),
     "element": (lambda v: Body.build(BODY.mesh, v), "hex27", [*NEVER, -1.0]),
     "facets": (BODY.surface, [0, 1], [*PLUS, [-1], [10**6], np.ones(4, bool), lambda X: X[:, 0]]),
     "test of nodes": (lambda v: BODY.nodes_where(lambda X: v), np.ones(N, bool), POSITIVE),

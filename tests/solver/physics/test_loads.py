@@ -165,7 +165,7 @@ TOP = BODIES["hex27"].surface(lambda X: X[:, 2] > 0.8 - 1e-9)
         # A mask of whole numbers would load nodes 0 and 1 with all of it.
         (
             lambda: PointLoad(BODY, np.isin(np.arange(18), edge(BODY)).astype(int), (0, 0, 1)),
-            "node 0 is named .* mask of booleans",
+            r"18 zeros and ones, .* mask.astype\(bool\)",
         ),
         (
             lambda: LineLoad(BODY, [0, 1], (0, 0, 1.0)),
