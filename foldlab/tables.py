@@ -112,9 +112,10 @@ def as_frame(X):
     try:
         frame = _named(X)
     except Exception as error:  # whatever a stranger's table raises
+        why = str(error).partition("\n")[0]
         raise InputError(
             f"the columns of this {type(X).__name__} can't be read by name "
-            f"({type(error).__name__}: {error}); give a pandas frame"
+            f"({type(error).__name__}: {why}); give a pandas frame"
         ) from None
     # Numbers that merely count the columns, as of a labelled array without labels, are no names.
     return frame if frame is not None and any(isinstance(c, str) for c in frame) else X
@@ -158,12 +159,21 @@ def write_table(frame: pd.DataFrame, path: str | Path) -> Path:
     return path
 
 
-def replace_file(path: Path, write: Callable[[Path], object]) -> None:
-    """Let ``write`` fill a temporary file beside ``path``, then move it into place."""
-    if not path.parent.is_dir():
-        raise InputError(f"no folder {path.parent} to write {path.name} to; make it first")
+def need_folder(path: Path) -> None:
+    """Raises :class:`InputError` where ``path`` is a folder, or there is none to write it to."""
     if path.is_dir():
         raise InputError(f"{path} is a folder; give the path of a file")
+    if path.parent.is_dir():
+        return
+    above = next(folder for folder in path.parents if folder.exists())
+    if not above.is_dir():
+        raise InputError(f"can't write {path}: {above} is a file; give another place")
+    raise InputError(f"no folder {path.parent} to write {path.name} to; make it first")
+
+
+def replace_file(path: Path, write: Callable[[Path], object]) -> None:
+    """Let ``write`` fill a temporary file beside ``path``, then move it into place."""
+    need_folder(path)
     handle, temporary = tempfile.mkstemp(
         dir=path.parent, prefix=f".{path.stem}-", suffix=path.suffix
     )

@@ -18,6 +18,7 @@ import numpy as np
 
 from solver.mesh.body import ELEMENTS, Body
 from solver.mesh.checks import determinants, orientation
+from solver.mesh.vtk import vtk_silenced
 from solver.physics.elastic import Elastic
 
 if TYPE_CHECKING:
@@ -166,8 +167,11 @@ def write_vtu(
     writer.EncodeAppendedDataOff()
     writer.SetCompressorTypeToZLib()
     try:
-        if writer.Write() != 1:
-            raise OSError(f"VTK could not write {path}; is there space and leave to write?")
+        with vtk_silenced() as complaint:
+            written = writer.Write() == 1 and not complaint()
+        if not written:
+            why = complaint() or "is there space and leave to write?"
+            raise OSError(f"VTK could not write {path}: {why}")
         os.replace(draft, path)
     finally:
         draft.unlink(missing_ok=True)

@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import Annotated
 
 import typer
+from pydantic import ValidationError
 
 import foldlab
 from foldlab.cli import label_verbs
@@ -71,6 +72,8 @@ def _sentence(error: Exception) -> str:
             return f"{text.partition(' (')[0]}; {here.command.name} has: {', '.join(names)}"
         if here is not None and text.startswith("No such command"):
             return f"{text.partition('.')[0]}; there are: {', '.join(here.command.commands)}"
+        if isinstance(error.__cause__, ValidationError):
+            return f"{text}; it is {error.__cause__.errors()[0]['input']!r}"
         return text
     if (text := trouble(error)) is None:
         raise error

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from contextlib import nullcontext
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -102,16 +103,25 @@ def check(
         Conditions(growth=growth), Effort(accuracy, timeout), thresholds=Thresholds(need=need)
     )
     source.unit(unit.groups)
-    first = by_rod(unit, source)
-    note(_first(first))
-    answer: dict[str, Any] = {
-        "materials": dict(unit.materials),
-        "physical": dict(unit.physical),
-        "design": dict(unit.groups),
-        "rod": None if first is None else {"foldable": first.foldable, "reason": first.reason},
-        "over_materials": uncertainty(unit, source),
-        "holds": holds(unit, source),
-    }
+    with nullcontext() if quick else output_folder(out):
+        first = by_rod(unit, source)
+        note(_first(first))
+        answer: dict[str, Any] = {
+            "materials": dict(unit.materials),
+            "physical": dict(unit.physical),
+            "design": dict(unit.groups),
+            "rod": None if first is None else {"foldable": first.foldable, "reason": first.reason},
+            "over_materials": uncertainty(unit, source),
+            "holds": holds(unit, source),
+        }
+        if not quick:
+            answer |= _solved(unit, source, out, pictures=not no_pictures)
+            label = answer.pop("label")
+            if label.foldable is False and first is not None:
+                answer["change"] = _told(confirmed(unit, source), unit)
+            from foldlab.unit.record import write_json
+
+            write_json(out / "result.json", {**answer, "label": asdict(label)})
     if quick:
         foldable = None if first is None else first.foldable
         angle = None if first is None else first.evidence.get("m1")
@@ -120,14 +130,6 @@ def check(
         if foldable is None:
             raise NotReached("the rod can't tell; leave --quick out")
         return
-    with output_folder(out):
-        answer |= _solved(unit, source, out, pictures=not no_pictures)
-        label = answer.pop("label")
-        if label.foldable is False and first is not None:
-            answer["change"] = _told(confirmed(unit, source), unit)
-        from foldlab.unit.record import write_json
-
-        write_json(out / "result.json", {**answer, "label": asdict(label)})
     if as_json:
         emit(answer, True)
     else:

@@ -75,6 +75,7 @@ def label(
                 f"warning: {thick} of {len(table)} designs have an active layer thicker than their "
                 f"hinge is long: {THICK_HINGE}"
             )
+    check_file(out)
     with ExitStack() as stack:
         store = stack.enter_context(LabelStore(out))
         options = {"workers": workers or 1}

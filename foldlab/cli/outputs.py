@@ -11,19 +11,18 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from foldlab.errors import InputError
+from foldlab.tables import need_folder
 from foldlab.terminal import NotReached
 
 
-def check_file(path: Path, suffixes: Sequence[str]) -> None:
-    """That a file can be written at ``path``; raises :class:`InputError` where it can't."""
-    if path.suffix.lower() not in suffixes:
+def check_file(path: Path, suffixes: Sequence[str] = ()) -> None:
+    """That a file can be written at ``path``, which ends in one of ``suffixes`` if there are any;
+    raises :class:`InputError` where not."""
+    if suffixes and path.suffix.lower() not in suffixes:
         raise InputError(
             f"{path}: ending {path.suffix or '(none)'!r}; expected {' or '.join(suffixes)}"
         )
-    if not path.parent.is_dir():
-        raise InputError(f"no folder {path.parent} to write {path.name} to; make it first")
-    if path.is_dir():
-        raise InputError(f"{path} is a folder; give the path of a file")
+    need_folder(path)
     _try_writing(path.parent, path)
 
 

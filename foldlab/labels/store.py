@@ -89,13 +89,19 @@ def create(path: Path) -> sqlite3.Connection:
     """Make an empty store; the caller holds the lock."""
     # Made beside and moved into place: a kill never leaves an empty store behind.
     fresh = Path(f"{path}.new")
-    for stale in (fresh, Path(f"{fresh}-journal"), Path(f"{path}-journal")):
+    drafts = (fresh, Path(f"{fresh}-journal"))
+    for stale in (*drafts, Path(f"{path}-journal")):
         stale.unlink(missing_ok=True)
     made = {"foldlab": foldlab.__version__, "created": f"{datetime.now(UTC):%Y-%m-%dT%H:%M:%SZ}"}
-    with closing(sqlite3.connect(fresh)) as db, db:
-        db.executescript(_SCHEMA)
-        db.executemany("INSERT INTO meta VALUES (?, ?)", made.items())
-    fresh.replace(path)
+    try:
+        with closing(sqlite3.connect(fresh)) as db, db:
+            db.executescript(_SCHEMA)
+            db.executemany("INSERT INTO meta VALUES (?, ?)", made.items())
+        fresh.replace(path)
+    except BaseException:
+        for draft in drafts:
+            draft.unlink(missing_ok=True)
+        raise
     return _connect(path, "rw")
 
 
@@ -317,8 +323,9 @@ class LabelStore:
         return len(frame)
 
     def _take_lock(self) -> None:
-        if not self.path.parent.is_dir():
-            raise InputError(f"no folder {self.path.parent} for the store; make it first")
+        from foldlab.tables import need_folder
+
+        need_folder(self.path)
         self._lock = filelock.FileLock(f"{self.path}.lock", thread_local=False)
         try:
             self._lock.acquire(blocking=False)
@@ -330,7 +337,10 @@ class LabelStore:
             ) from None
         except OSError as error:
             self._lock = None
-            raise InputError(f"{self.path} can't be locked for writing ({error})") from None
+            raise InputError(
+                f"can't write {self.path} ({error.strerror or error}: {self.path}.lock); give "
+                "another place"
+            ) from None
 
     def _read(self, query: str, values: tuple = ()) -> list[tuple]:
         if self.mode == "closed":

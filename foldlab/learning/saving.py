@@ -333,7 +333,7 @@ def check_target(target: Path, overwrite: bool) -> None:
     if not target.exists() and not target.is_symlink():
         return
     if not overwrite:
-        raise InputError(f"{target} exists; choose another directory or allow overwriting")
+        raise InputError(f"{target} exists; choose another folder, or overwrite it (--overwrite)")
     if not (target.is_dir() and (target / CARD).is_file()):
         raise InputError(f"{target} exists and holds no model; it is left alone: move it away")
 

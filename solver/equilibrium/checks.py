@@ -9,7 +9,7 @@ import numpy as np
 import scipy.sparse as sp
 from scipy.sparse.csgraph import connected_components
 
-from solver.mesh.given import numbers
+from solver.given import numbers
 from solver.physics.fields import Unphysical
 from solver.physics.supports import Row
 

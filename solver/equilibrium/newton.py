@@ -24,7 +24,7 @@ import numpy as np
 
 from solver.equilibrium.linear import SingularMatrix
 from solver.equilibrium.scene import Scene, System
-from solver.mesh.given import numbers
+from solver.given import numbers
 
 
 class Outcome(Enum):

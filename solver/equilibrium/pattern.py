@@ -19,8 +19,8 @@ import scipy.sparse as sp
 
 from solver.equilibrium import checks
 from solver.equilibrium.linear import Factor, ScaledFactor, SingularMatrix, make_solver
+from solver.given import all_of
 from solver.mesh.body import Body, NodeGraph
-from solver.mesh.given import all_of
 from solver.physics.supports import Fixed, Held, Row, Tied
 from solver.physics.term import Term
 

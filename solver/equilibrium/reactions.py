@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from solver.equilibrium.scene import Scene
-from solver.mesh.given import node_numbers
+from solver.given import node_numbers
 from solver.physics.supports import Fixed, Row
 
 

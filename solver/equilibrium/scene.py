@@ -21,8 +21,8 @@ from solver.equilibrium import checks
 from solver.equilibrium.linear import Factor
 from solver.equilibrium.pattern import Frame
 from solver.equilibrium.sections import FreeSections, Sections
+from solver.given import number, numbers, one_of
 from solver.mesh.body import Body, NodeGraph
-from solver.mesh.given import number, numbers, one_of
 from solver.physics.fields import Unphysical
 from solver.physics.supports import Fixed, Row, Tied
 from solver.physics.term import Evaluation, Term

@@ -17,8 +17,8 @@ import scipy.sparse as sp
 import skfem
 from skfem.quadrature import get_quadrature
 
+from solver.given import mask, numbers
 from solver.mesh import checks, interpolation, locking
-from solver.mesh.given import mask, numbers
 from solver.mesh.surface import Surface
 
 # name: (scikit-fem element, quadrature order). hex20 is the reduced one, with 2 × 2 × 2 points.

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import scipy.sparse as sp
 
-from solver.mesh.given import numbers
+from solver.given import numbers
 
 if TYPE_CHECKING:
     from solver.mesh.body import Body

@@ -11,8 +11,8 @@ from itertools import combinations
 
 import numpy as np
 
+from solver.given import node_numbers
 from solver.mesh.body import ELEMENTS, Body, Surface
-from solver.mesh.given import node_numbers
 
 _X, _W = (np.polynomial.legendre.leggauss(3) + np.array([[1.0], [0.0]])) / 2
 # Linear and quadratic shapes on [0, 1] and their slopes at the points, by nodes of a segment.

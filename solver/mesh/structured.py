@@ -21,8 +21,8 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
+from solver.given import mask
 from solver.mesh.checks import TOUCH, facets
-from solver.mesh.given import mask
 
 Test = Callable[[np.ndarray], np.ndarray]
 

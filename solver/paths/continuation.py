@@ -17,7 +17,7 @@ from scipy.optimize import brentq
 
 from solver.equilibrium.newton import Outcome, checked, newton
 from solver.equilibrium.scene import Scene
-from solver.mesh.given import number, numbers
+from solver.given import number, numbers
 from solver.paths.arc import NotFollowed, between, tangent
 from solver.paths.point import Ended, Point, Uncounted, Unlocated, reason
 from solver.paths.stability import Event, locate

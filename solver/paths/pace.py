@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from solver.mesh.given import numbers
+from solver.given import numbers
 from solver.paths.point import Metric
 
 

@@ -10,8 +10,8 @@ import warnings
 
 import numpy as np
 
+from solver.given import numbers, one_of
 from solver.mesh.body import Body
-from solver.mesh.given import numbers, one_of
 from solver.mesh.locking import of_material
 from solver.physics.fields import resolve
 from solver.physics.growth import Growth

@@ -15,7 +15,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from solver.mesh.given import numbers
+from solver.given import numbers
 
 Quantity = float | np.ndarray | Callable
 Points = Callable[[], np.ndarray]

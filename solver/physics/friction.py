@@ -16,7 +16,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from solver.mesh.given import number
+from solver.given import number
 from solver.physics.ground import Ground
 from solver.physics.term import Evaluation
 

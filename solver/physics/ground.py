@@ -10,8 +10,8 @@ from __future__ import annotations
 import numba
 import numpy as np
 
+from solver.given import axis_number, number, one_of
 from solver.mesh.body import Body, NodeGraph, Surface
-from solver.mesh.given import axis_number, number, one_of
 from solver.physics.term import Evaluation
 
 # Weights of positive rules on the nodes and, last, the centre of a facet whose own nodes would get

@@ -11,7 +11,7 @@ from collections.abc import Callable, Iterable, Sequence
 
 import numpy as np
 
-from solver.mesh.given import numbers
+from solver.given import numbers
 from solver.physics.fields import Points, Quantity, Unphysical, resolve, takes_position, unit
 
 

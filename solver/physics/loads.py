@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 import scipy.sparse as sp
 
+from solver.given import node_numbers, numbers
 from solver.mesh.body import Body, NodeGraph, Surface
-from solver.mesh.given import node_numbers, numbers
 from solver.mesh.lines import Line, refuse_region
 from solver.physics.fields import Quantity, Unphysical, resolve, varies
 from solver.physics.term import Evaluation

@@ -14,7 +14,7 @@ from math import exp, isfinite, log
 import numba
 import numpy as np
 
-from solver.mesh.given import all_of, number, numbers
+from solver.given import all_of, number, numbers
 from solver.physics.fields import Points, Quantity, Unphysical, resolve, unit, varies
 
 

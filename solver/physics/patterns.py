@@ -14,7 +14,8 @@ import numpy as np
 from scipy.interpolate import LinearNDInterpolator
 from scipy.spatial import QhullError, cKDTree
 
-from solver.mesh.given import number, numbers
+from solver.given import number, numbers
+from solver.mesh.vtk import vtk_silenced
 
 
 class Pattern:
@@ -132,7 +133,6 @@ def _read_csv(path, field, reach):
 
 def _read_vtu(path, field, reach):
     from vtkmodules.util.numpy_support import vtk_to_numpy
-    from vtkmodules.vtkCommonCore import vtkLogger, vtkOutputWindow, vtkStringOutputWindow
     from vtkmodules.vtkIOXML import vtkXMLUnstructuredGridReader
 
     # VTK would end the process.
@@ -143,22 +143,13 @@ def _read_vtu(path, field, reach):
         )
     reader = vtkXMLUnstructuredGridReader()
     reader.SetFileName(str(path))
-    # VTK raises nothing: what it says instead tells a damaged file from one without the field.
-    said, before = vtkStringOutputWindow(), vtkOutputWindow.GetInstance()
-    verbosity = vtkLogger.GetCurrentVerbosityCutoff()
-    vtkOutputWindow.SetInstance(said)
-    vtkLogger.SetStderrVerbosity(vtkLogger.VERBOSITY_OFF)
-    try:
+    # What it says tells a damaged file from one without the field.
+    with vtk_silenced() as complaint:
         reader.Update()
-    finally:
-        vtkLogger.SetStderrVerbosity(verbosity)
-        vtkOutputWindow.SetInstance(before)
     grid = reader.GetOutput()
-    # The first complaint is the cause, those after it follow from it.
-    complaint = re.search(r"\): (.+)", said.GetOutput())
     n = grid.GetNumberOfPoints()
     nodes = vtk_to_numpy(grid.GetCells().GetConnectivityArray()) if n else ()
-    why = complaint[1] if complaint else "it has no points" if not n else ""
+    why = complaint() or ("" if n else "it has no points")
     if len(nodes) and not 0 <= nodes.min() <= nodes.max() < n:
         why = f"it has {n} points, and a cell with others"
     if why:

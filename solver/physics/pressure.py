@@ -19,8 +19,8 @@ import numpy as np
 import scipy.sparse as sp
 from scipy.sparse.csgraph import connected_components
 
+from solver.given import all_of, node_numbers, one_of, vector
 from solver.mesh.body import Body, NodeGraph, Surface
-from solver.mesh.given import all_of, node_numbers, one_of, vector
 from solver.physics.fields import Quantity, resolve
 from solver.physics.supports import Fixed, Held, unit_vector
 from solver.physics.term import Evaluation

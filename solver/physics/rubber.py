@@ -9,7 +9,7 @@ from __future__ import annotations
 import numba
 import numpy as np
 
-from solver.mesh.given import numbers
+from solver.given import numbers
 from solver.physics.fields import Points, Quantity, Unphysical, resolve, varies
 from solver.physics.materials import Material, _check_ratio, _inverse, neo_hookean
 

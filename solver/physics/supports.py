@@ -7,8 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from solver.given import axis_number, node_numbers, numbers
 from solver.mesh.body import Body
-from solver.mesh.given import axis_number, node_numbers, numbers
 
 Value = float | np.ndarray | Callable[[float], float | np.ndarray]
 

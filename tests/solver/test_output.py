@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 import pyvista as pv
 import skfem
+from full_disk import no_room_beyond
 
 from solver import output
 from solver.mesh.body import ELEMENTS, Body
@@ -238,6 +239,15 @@ def test_overlapping_and_missing_layers():
     np.testing.assert_array_equal(seen.cell_data["layer"], [1, 1, 0])
     bare = pv.wrap(grid(Body.build(skfem.MeshHex(), "hex8")))
     assert "layer" not in bare.cell_data
+
+
+@pytest.mark.parametrize("room", [0, 900])
+def test_a_vtu_without_room_is_an_error_and_no_lines_of_vtk(room, tmp_path, capfd):
+    body = make("hex27")
+    with no_room_beyond(room), pytest.raises(OSError, match=r"could not write .*a\.vtu"):
+        write_vtu(tmp_path / "a.vtu", body, np.zeros_like(body.nodes))
+    assert capfd.readouterr() == ("", "")
+    assert list(tmp_path.iterdir()) == []
 
 
 def test_output_refuses(tmp_path):

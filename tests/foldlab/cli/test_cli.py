@@ -174,6 +174,11 @@ def test_quickstart(foldlab, tmp_path):
 BAD = {
     "no such space": ("sample --space half -n 3 -o d.parquet", "no design space 'half'"),
     "no designs": ("sample -n 0 -o d.parquet", "at least one design"),
+    "no whole number": (
+        "sample -n 1e11 -o d.parquet",
+        "a valid integer, unable to parse string as an integer; it is '1e11'",
+    ),
+    "below its least": ("sample -n 3 --seed -1 -o d.csv", "greater than or equal to 0; it is '-1'"),
     "wrong ending": ("sample -n 3 -o d.xlsx", "ending '.xlsx'; expected .parquet or .csv"),
     "missing folder": ("sample -n 3 -o no/d.parquet", "no folder no"),
     "missing table": ("label none.parquet -o s.db", "no file none.parquet"),
