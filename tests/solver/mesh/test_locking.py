@@ -1,6 +1,7 @@
 """Locking is cured or said: thin curved bodies, linear elements, materials of ν near ½."""
 
 import pickle
+import re
 import warnings
 
 import numpy as np
@@ -59,6 +60,15 @@ def test_what_a_chosen_element_loses_on_it_is_said_beforehand(element, n, layers
     (warning,) = (w.message for w in record)
     assert (warning.element, warning.cause) == (element, "curved")
     assert seen == pytest.approx(1 / (1 + warning.excess), abs=abs_)
+
+
+def test_the_loss_that_is_told_is_one_of_displacement():
+    ring = box([1, 1.1], np.linspace(0, np.pi, 9), [0, 0.1], shape=polar)
+    (warning,) = Body.build(ring, "hex27").locking()
+    told = int(re.search(r"they move about (\d+) % too little", str(warning))[1])
+    # Stiffer by the excess, it moves by 1/(1 + excess) of what is right.
+    assert 0.05 < warning.excess < 0.5
+    assert told == pytest.approx(100 * (1 - 1 / (1 + warning.excess)), abs=0.5)
 
 
 def test_shorter_elements_and_the_bent_axis_are_cures():

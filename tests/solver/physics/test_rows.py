@@ -179,6 +179,15 @@ SCENE = Scene(BODY, [Elastic(BODY, NeoHookean(1.0, 0.3))], rows=[translation_row
 AT_REST = np.zeros(SCENE.size)
 
 
+@pytest.mark.parametrize("size", [0.5, 3.0])
+def test_a_support_carries_the_same_however_long_its_direction_is(size):
+    x, d = SCENE.unknowns(0.1 * BODY.nodes[:, ::-1]), np.array([0.6, 0.0, 0.8])
+    one, other = (reaction(SCENE, x, 0.0, Fixed([0, 1], k * d)) for k in (1.0, size))
+    assert np.linalg.norm(one.force) > 1e-3
+    assert other.force == approx(one.force, rel=1e-12)
+    assert other.moment == approx(one.moment, rel=1e-12)
+
+
 @pytest.mark.parametrize(
     ("make", "message"),
     [

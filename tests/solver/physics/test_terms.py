@@ -71,6 +71,10 @@ def test_functions_of_e_follow_e(monkeypatch):
     top = body.surface(lambda X: X[:, 2] > 0.8 - 1e-9)
     X, u = body.points()[..., 0], state(body)
     left = body.cells_where(lambda X: X[:, 0] > 0.5)
+
+    def fibres(direction):
+        return Elastic(body, FibreReinforced(E, NU, [Fibre(direction, 0.5, 2.0, False)]))
+
     pairs = [
         (
             Elastic(body, MATERIALS["moving fields"], Isotropic(lambda e: -e / 2), cells=left),
@@ -80,6 +84,7 @@ def test_functions_of_e_follow_e(monkeypatch):
         (Gravity(body, 1.5, lambda e: (0, e, -2)), lambda e: Gravity(body, 1.5, (0, e, -2))),
         (Traction(body, top, lambda e: (e, 0, 1)), lambda e: Traction(body, top, (e, 0, 1))),
         (Pressure(body, top, lambda e: e), lambda e: Pressure(body, top, e)),
+        (fibres(lambda e: (1, e, 0)), lambda e: fibres((1, e, 0))),
     ]
     for e in (0.2, 0.9, 0.2):
         for used, fresh in pairs:
