@@ -169,6 +169,15 @@ def test_an_arc_starts_with_falling_load_where_it_is_told_to(until):
     assert half.last.tangent[-1] > 0 and np.array_equal(again.last.x, path.last.x)
 
 
+def test_a_path_from_a_point_of_another_tells_only_its_own_events():
+    scene = truss()
+    whole = trace(scene, rest(scene), TRUSS_ARC, until=load(4e-4), max_steps=100)
+    beyond = next(p for p in whole.points if p.events)
+    more = trace(scene, beyond, TRUSS_ARC, until=load(4e-4), max_steps=100)
+    assert more.reached and more.points[0] is beyond
+    assert [ev.e for ev in more.events] == pytest.approx([whole.events[1].e], rel=1e-9)
+
+
 def test_a_custom_target_is_met_exactly():
     scene = truss()
     path = trace(scene, rest(scene), TRUSS_ARC, until=lambda p: -p.x[0] - 0.1, max_steps=100)

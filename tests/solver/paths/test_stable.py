@@ -171,6 +171,21 @@ def test_a_saddle_is_left_and_a_flat_top_is_too():
     assert min(abs(result.x[0]), abs(result.x[0] + 0.2)) < 1e-9
 
 
+@pytest.mark.parametrize("tilt", [-0.5, 0.5])
+def test_a_saddle_is_left_to_the_side_where_the_energy_is_lower(tilt):
+    scene = function_scene(
+        1,
+        lambda q, e: -(q[0] ** 2) / 2 + tilt * q[0] ** 3 / 3 + q[0] ** 4 / 4,
+        lambda q, e: -q + tilt * q**2 + q**3,
+        lambda q, e: np.array([[-1 + 2 * tilt * q[0] + 3 * q[0] ** 2]]),
+    )
+    result = descend(scene, np.zeros(1), 0.0, rtol=1e-10)
+    assert result.converged and result.system.unstable == 0
+    # The deeper one of the roots of q² + tilt q = 1.
+    deeper = -np.sign(tilt) * (abs(tilt) + np.sqrt(tilt**2 + 4)) / 2
+    assert result.x[0] == pytest.approx(deeper, abs=1e-8)
+
+
 def test_an_energy_without_a_floor_is_an_outcome():
     def bottomless(power):
         return function_scene(

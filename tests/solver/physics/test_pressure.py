@@ -16,7 +16,7 @@ from solver.physics.elastic import Elastic
 from solver.physics.materials import NeoHookean
 from solver.physics.pressure import Pressure
 from solver.physics.rows import flat_rows, mean_rotation_row
-from solver.physics.supports import Fixed, Held
+from solver.physics.supports import Fixed, Held, rotation_row, translation_row
 
 X, Y, Z = np.eye(3)
 BODY = block("hex27")  # 1 × 1.5 × 0.8, a corner at the origin
@@ -194,6 +194,15 @@ def test_a_ring_in_plane_strain_buckles_at_levy_s_pressure(potential):
     assert event.kind == "branch" and event.unstable == (0, 1)
     assert 2 * event.e == approx(1, rel=2e-3)
     assert path.warnings == () and path.last.unstable == 1
+
+
+def test_rows_are_no_modes_of_an_unsymmetric_stiffness():
+    make = [(row, axis) for row in (translation_row, rotation_row) for axis in range(3)]
+    rows = [row(BODY, axis) for row, axis in make]
+    terms = [Elastic(BODY, NeoHookean(1.0, 0.3)), Pressure(BODY, faces(BODY, (2, 0.8)), 0.01)]
+    scene = Scene(BODY, terms, rows=rows)
+    assert not scene.symmetric
+    assert scene.system(np.zeros(scene.size), 1.0).unstable == 0
 
 
 def test_modes_that_an_unsymmetric_stiffness_leaves_open_are_a_warning():
