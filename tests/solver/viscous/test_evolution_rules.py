@@ -6,10 +6,13 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from solver.mesh.body import Body
+from solver.mesh.structured import box
 from solver.physics.growth import Isotropic
 from solver.viscous import evolution
 from solver.viscous.evolution import Level, Unresolved, warn_unresolved
-from solver.viscous.term import Memory
+from solver.viscous.rheology import KelvinVoigt
+from solver.viscous.term import Memory, Viscous
 
 
 @pytest.mark.parametrize("order", [1, 2])
@@ -69,3 +72,14 @@ def test_growth_is_judged_within_the_time_that_is_walked():
         warn_unresolved([term(Isotropic(lambda e: e))], 0.5, lambda t: 0.2 * load(t), 0.0, 0.1)
     with pytest.warns(Unresolved, match="grow by 0.02 in a step; take dt <= 0.25"):
         warn_unresolved([term(Isotropic(lambda e: e))], 0.5, load, 0.0, 0.1)
+
+
+@pytest.mark.parametrize("chosen", [False, True])
+def test_what_is_integrated_over_a_grown_body_is_over_its_grown_volume(chosen):
+    body = Body.build(box([0, 1, 3], [0, 1], [0, 1]), "hex8")
+    cells = body.cells_where(lambda X: X[:, 0] < 1) if chosen else None
+    grown = Isotropic(lambda e: e)
+    part = Viscous(body, KelvinVoigt(1.0, 0.3, 1.0), grown, dt=0.1, cells=cells)
+    density = np.full(body.weights.shape, 2.0)
+    volume = 1.0 if chosen else 3.0
+    assert part.integral(density, 0.5) == pytest.approx(2 * volume * 1.5**3)
