@@ -2,6 +2,7 @@
 
 import importlib
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -10,6 +11,7 @@ from proofs import prove
 from scipy.interpolate import CubicSpline
 
 from foldlab.errors import InputError
+from solver.cases.lung import paths
 from solver.cases.lung.geometry import Lung, unit
 from solver.cases.lung.measures import Section, measure, radial, section, thickness
 from solver.cases.lung.mesh import Counts, hexahedra, tetrahedra
@@ -321,6 +323,23 @@ def test_what_is_no_lung_within_a_hair_is_built():
     """Bundles just narrower than the cells leave a hole in every cell."""
     lung = Lung(width=0.98 * LUNG.widest)
     assert isinstance(hexahedra(lung, 0), Body)
+
+
+def test_a_stage_is_followed_once_for_each_tissue(monkeypatch):
+    followed = []
+
+    def run_(made, x, **options):
+        followed.append(made)
+        return SimpleNamespace(reached=True, last=SimpleNamespace(x=made))
+
+    monkeypatch.setattr(paths, "hexahedra", lambda lung, counts: None)
+    monkeypatch.setattr(paths, "scene", lambda body, lung, *stage: stage)
+    monkeypatch.setattr(paths, "run", run_)
+    known, full = paths.Paths(LUNG, 1, steps=4), State(0.1)
+    for tissue in (Tissue(), Tissue(stiffness=10.0), Tissue()):
+        stage, path = known.stage(tissue, full, State(0.1, -0.4))
+        assert stage == path.last.x == (tissue, full, State(0.1, -0.4))
+    assert [made[0].stiffness for made in followed] == [75.0, 75.0, 10.0, 10.0]
 
 
 @pytest.mark.parametrize(

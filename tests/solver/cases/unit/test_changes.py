@@ -68,6 +68,18 @@ def test_what_the_active_layer_takes_up_counts_against_its_contraction():
     assert found == pytest.approx(want, rel=2e-5)  # on other steps, each to the tolerance
 
 
+def test_the_ground_bears_the_most_that_the_hinge_weighs_on_the_way():
+    def pressing(course):
+        """What the flat unit presses with, where it touches."""
+        changes = Changes(density=course)
+        model = build(HEAVY, Meshing(0), Physics(active=changes, passive=changes), Supports(()))
+        return model.ground.pressing(np.zeros_like(model.body.nodes)).sum()
+
+    steady = pressing(None)
+    assert pressing(lambda e: 1 - 0.9 * e) == pytest.approx(steady)
+    assert pressing(lambda e: 1 + 2 * e) == pytest.approx(3 * steady)
+
+
 def test_density_of_each_layer_acts_on_its_own_cells():
     heavier = {"active": Changes(density=lambda e: 1 + 2 * e)}
     lighter = {"passive": Changes(density=lambda e: 1 - e / 2)}

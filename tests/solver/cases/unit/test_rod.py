@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from solver.cases.unit import rod_kernel as kernel
-from solver.cases.unit.rod import Ending, _parts, bend, ends
+from solver.cases.unit.rod import ERROR, Ending, _parts, bend, ends
 from solver.cases.unit.section import natural
 from solver.cases.unit.unit import Unit
 
@@ -182,6 +182,21 @@ def test_weight_holds_a_unit_down_and_lets_it_lift():
     # Weight holds down what lies, and turns over what stands beyond upright.
     assert heavy.angle < heavy.natural and light.angle > light.natural > np.pi
     assert heavy.error > light.error
+
+
+def test_what_is_nearly_unstable_multiplies_the_error_of_what_the_weight_takes():
+    bent = bend(replace(TABLE_4_1, stiffness_to_weight=0.1))
+    errors = {}
+    for softness in (1.0, 0.5, 0.05, 0.0):
+        states = bent.states.copy()
+        states[:, kernel.SOFTNESS] = softness
+        errors[softness] = replace(bent, states=states).error
+    taken = ERROR[2] * abs(bent.natural - bent.angle)
+    assert taken > 0.01
+    assert errors[0.5] - errors[1.0] == pytest.approx(taken)
+    assert errors[0.05] - errors[1.0] == pytest.approx(19 * taken)
+    # At a limit point it stays finite.
+    assert errors[0.0] - errors[1.0] == pytest.approx(99 * taken)
 
 
 def test_a_heavy_unit_with_a_soft_thick_layer_bends_as_the_solid_does():
