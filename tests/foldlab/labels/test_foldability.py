@@ -69,6 +69,12 @@ def test_turning_by_the_hinge_and_by_its_ends_are_told_apart():
     assert (m.turning_hinge, m.turning_ends) == pytest.approx((1.0, 0.0), abs=2e-3)
 
 
+@pytest.mark.parametrize("reach", [0.1, 0.4])
+def test_of_a_hinge_shorter_than_its_ends_reach_the_middle_half_tells(reach):
+    m = measure(unit(fold=0.8), LENGTH, (reach, 0.02))
+    assert (m.turning_hinge, m.turning_ends) == pytest.approx((0.8, 0.0), abs=5e-3)
+
+
 def test_of_an_arc_over_the_whole_length_the_hinge_turns_its_part():
     arc = _line(2.0 * (S[1:] + S[:-1]) / 2)
     m = measure(np.stack([arc, unit()[1], arc + SIDE, arc - SIDE]), LENGTH)

@@ -9,7 +9,8 @@ from foldlab.design import REDUCED
 from foldlab.errors import InputError
 from foldlab.labels.label import Label
 from foldlab.labels.timoshenko import TimoshenkoSource
-from foldlab.learning.augment import Plan, augment, labels_to_reach
+from foldlab.learning import augment as augmenting
+from foldlab.learning.augment import Plan, augment, compare_strategies, labels_to_reach
 
 PLAN = Plan(initial=60, per_cycle=20, cycles=4, epochs=3, candidates=2000)
 
@@ -160,3 +161,22 @@ def test_a_full_band_is_sampled_not_searched_for_its_middle():
     p = first.predict_proba(result.labels.iloc[60:][REDUCED.names])[:, 1]
     # The nearest to 0.5 of 5000 candidates would all lie within 0.02 of it.
     assert np.abs(p - 0.5).max() > 0.05
+
+
+def test_the_ratio_is_of_labels_near_the_boundary_to_random_ones(monkeypatch):
+    reached = {"boundary": 100, "random": 400}
+
+    def followed(space, source, make_model, *, strategy, plan, seed, test):
+        rows = {
+            "strategy": strategy, "seed": seed, "cycle": [0, 1],
+            "labels": [50, reached[strategy]], "accuracy": [0.8, 0.95], "seconds": 0.0,
+        }  # fmt: skip
+        return augmenting.Augmented(None, pd.DataFrame(), pd.DataFrame(rows))
+
+    monkeypatch.setattr(augmenting, "augment", followed)
+    curves, summary = compare_strategies(
+        TimoshenkoSource(), PLAN, seeds=(0, 1), target=0.95, test_designs=10, make_model=Recorder
+    )
+    assert len(curves) == 8
+    assert (summary["labels_boundary"], summary["labels_random"]) == (100, 400)
+    assert summary["ratio"] == 0.25

@@ -228,6 +228,17 @@ def test_picture_shows_each_verdict_in_its_colour_panel_by_panel():
     assert set(np.unique(predicted.get_axes()[0].collections[0].get_array())) <= {0, 1}
 
 
+def test_verified_points_stand_on_the_slice_nearest_on_the_group_s_own_scale():
+    regime = regime_map(Oracle(), points=9, slices=[1e-3, 1e-1])
+    # Nearer to 1e-3 by their difference, to 1e-1 by their ratio.
+    near = {1.2e-3: 0, 9e-3: 0, 1.1e-2: 1, 4e-2: 1}
+    points = pd.DataFrame({"E_ratio": 1.0, "h_ratio": 1.0, "slenderness": list(near)})
+    points["foldable"] = True
+    shown = plot_regimes(regime, points=points).get_axes()
+    counts = [sum(len(line.get_xdata()) for line in ax.get_lines()) for ax in shown[:2]]
+    assert counts == [list(near.values()).count(k) for k in (0, 1)]
+
+
 def test_figures_are_written_whole_or_not_at_all(tmp_path):
     figure = plot_regimes(regime_map(Oracle(), points=900))
     for ending in ("png", "pdf", "svg"):

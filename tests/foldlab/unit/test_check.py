@@ -116,6 +116,19 @@ def test_the_rod_finds_changes_that_fold_smallest_first():
         assert not (less.foldable and less.evidence["margin"] > check.ROOM)
 
 
+def test_a_small_increase_comes_before_a_large_decrease(monkeypatch):
+    folds = Label({}, True, "", {"margin": 1.0})
+    needed = {"h_i": 1.1, "h_s": 1 / 4.0, "l_i": 1 / 1.2}
+
+    def scanned(unit, source, name, factors):
+        up = factors[0] > 1
+        return [(f, folds) for n, f in needed.items() if n == name and up == (f > 1)]
+
+    monkeypatch.setattr(check, "_scanned", scanned)
+    found = check.changes(heavy(), SOURCE)
+    assert [c.quantity for c in found] == ["h_i", "l_i", "h_s"]
+
+
 def test_a_change_is_told_only_where_the_solver_confirms_it(monkeypatch):
     unit = heavy()
     asked = []
