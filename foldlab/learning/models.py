@@ -9,7 +9,8 @@ model sees the coordinates in which the designs were sampled. The positive class
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import fields, replace
+from numbers import Real
 
 import numpy as np
 from sklearn.base import BaseEstimator, ClassifierMixin
@@ -24,9 +25,10 @@ from foldlab.learning.features import GroupFeatures, as_labels, groups_array, tw
 
 
 def _class_weight(false_positive_weight: float) -> dict[bool, float] | None:
-    if not (np.isfinite(false_positive_weight) and false_positive_weight > 0):
+    number = isinstance(false_positive_weight, Real)
+    if not (number and np.isfinite(false_positive_weight) and false_positive_weight > 0):
         raise InputError(
-            f"false_positive_weight = {false_positive_weight}; give a finite number above 0 "
+            f"false_positive_weight = {false_positive_weight!r}; give a finite number above 0 "
             "(1 = unbiased, above 1 = fewer false positives)"
         )
     weighted = false_positive_weight != 1
@@ -97,8 +99,10 @@ def _symbolic(space, seed, constraints=None, **options):
     )
 
     limits = Constraints(seed=seed) if constraints is None else constraints
-    fields = {k: options.pop(k) for k in list(options) if hasattr(limits, k)}
-    return SymbolicClassifier(space, constraints=replace(limits, **fields), **options)
+    if not isinstance(limits, Constraints):
+        raise InputError(f"constraints = {limits!r}; give its fields, such as seconds=10")
+    given = {f.name: options.pop(f.name) for f in fields(limits) if f.name in options}
+    return SymbolicClassifier(space, constraints=replace(limits, **given), **options)
 
 
 MODELS: dict[str, Callable] = {
@@ -121,18 +125,30 @@ def make_classifier(name: str, space: DesignSpace | None, *, seed: int = 0, **op
     """
     if name not in MODELS:
         raise InputError(f"no model {name!r}; there are: {', '.join(MODELS)}")
-    try:
-        model = MODELS[name](space, seed, **options)
-    except TypeError as error:
-        raise InputError(
-            f"model {name!r} does not take these options ({', '.join(options)}): {error}"
-        ) from None
+    known = _options(name, space) if options else ()
+    for option in options:
+        if option not in known:
+            raise InputError(
+                f"model {name!r} has no setting {option!r}; it has: {', '.join(known)}"
+            )
+    model = MODELS[name](space, seed, **options)
     if isinstance(model, Pipeline):
         try:
             model[-1]._validate_params()  # else a bad value would come to light in fit only
         except ValueError as error:
             raise InputError(f"model {name!r}: {error}") from None
     return model
+
+
+def _options(name: str, space: DesignSpace | None) -> list[str]:
+    """Names of what :func:`make_classifier` passes on to a model."""
+    model = MODELS[name](space, 0)
+    names = {*(model[-1] if isinstance(model, Pipeline) else model).get_params(deep=False)}
+    if name == "symbolic":
+        names |= {field.name for field in fields(model.constraints)}
+    else:
+        names |= {"false_positive_weight"}
+    return sorted(names - {"space", "seed", "random_state", "class_weight"})
 
 
 class DistilledTree(ClassifierMixin, BaseEstimator):

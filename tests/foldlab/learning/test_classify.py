@@ -218,11 +218,20 @@ def test_unknown_models_and_options_are_refused_by_name():
     assert set(MODELS) >= set(SMALL)
     with pytest.raises(InputError, match=r"no model 'oracle'; there are: .*tree.*dissertation"):
         make_classifier("oracle", REDUCED)
-    with pytest.raises(InputError, match=r"'tree' does not take these options \(depth\)"):
+    with pytest.raises(InputError, match=r"'tree' has no setting 'depth'; it has: .*max_depth, "):
         make_classifier("tree", REDUCED, depth=3)
+    with pytest.raises(InputError, match=r"'symbolic' has no setting 'second'; .*seconds, th"):
+        make_classifier("symbolic", REDUCED, second=3)
+    with pytest.raises(InputError, match="constraints = 3; give its fields, such as seconds"):
+        make_classifier("symbolic", REDUCED, constraints=3)
+    for name in SMALL:
+        with pytest.raises(InputError, match=f"'{name}' has no setting 'random_state'; it has"):
+            make_classifier(name, REDUCED, random_state=3)
+        with pytest.raises(InputError, match="false_positive_weight = 'a'; give a finite number"):
+            make_classifier(name, REDUCED, false_positive_weight="a").fit(*labelled(50, 0))
     with pytest.raises(InputError, match="criterion"):
         make_classifier("tree", REDUCED, criterion="oracle")
-    with pytest.raises(InputError, match="network"):
+    with pytest.raises(InputError, match=r"'network' has no setting 'layers'; .*hidden, "):
         make_classifier("network", REDUCED, layers=3)
     with pytest.raises(InputError, match="needs a space"):
         clone(make_classifier("distilled", None)).fit(np.eye(2), [0, 1])
