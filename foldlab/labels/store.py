@@ -316,10 +316,18 @@ class LabelStore:
             "labels": len(frame),
         }
         frame.attrs["foldlab"] = how
-        path = write_table(frame, path)
-        if path.suffix.lower() == ".csv":
-            text = json.dumps(how, indent=1) + "\n"
-            replace_file(path.with_name(path.name + ".json"), lambda file: file.write_text(text))
+        path = Path(path)
+        if path.suffix.lower() != ".csv":
+            write_table(frame, path)
+            return len(frame)
+        beside = path.with_name(path.name + ".json")
+
+        def write(file: Path) -> None:
+            frame.to_csv(file, index=False)
+            # Before the table is moved into place, which needs no room.
+            replace_file(beside, lambda other: other.write_text(json.dumps(how, indent=1) + "\n"))
+
+        replace_file(path, write)
         return len(frame)
 
     def _take_lock(self) -> None:

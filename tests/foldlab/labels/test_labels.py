@@ -302,6 +302,16 @@ def test_export_round_trip(path, suffix):
     assert how["sources"] == [{"source": "test", "version": "1", "labels": 3}]
 
 
+def test_a_table_is_not_left_without_what_says_how_it_was_made(path, tmp_path):
+    """On a disk with room for the table alone it was: here a folder is in the other's place."""
+    (tmp_path / "l.csv.json").mkdir()
+    with LabelStore(path) as store:
+        store.add(a_label())
+        with pytest.raises(InputError, match=r"l\.csv\.json is a folder"):
+            store.export(tmp_path / "l.csv")
+    assert {p.name for p in tmp_path.iterdir()} == {"s.db", "l.csv.json"}
+
+
 def test_export_refuses_clearly(path, tmp_path):
     with LabelStore(path) as store:
         store.register([design_key({"x": 1.0})])
