@@ -16,7 +16,7 @@ import tempfile
 import time
 import warnings
 from collections.abc import Iterator, Mapping
-from contextlib import chdir, closing, contextmanager
+from contextlib import chdir, closing, contextmanager, suppress
 from importlib import metadata
 from pathlib import Path
 from typing import Any
@@ -145,7 +145,7 @@ def track(experiment: str, config: Mapping[str, Any], *, seed: int | None = None
         try:
             if local:
                 # Two that start at once would both make the database, and one would fail.
-                with FileLock(ROOT / "mlflow.db.lock"):
+                with _alone(ROOT / "mlflow.db.lock"):
                     number = _experiment(experiment, str((ARTIFACTS / experiment).resolve()))
                     _make_relative(ROOT / "mlflow.db")
             else:
@@ -163,6 +163,17 @@ def track(experiment: str, config: Mapping[str, Any], *, seed: int | None = None
                 if not (given or inside):
                     # MLflow exports the address it was told; a later run may start elsewhere.
                     os.environ.pop("MLFLOW_TRACKING_URI", None)
+
+
+@contextmanager
+def _alone(path: Path) -> Iterator[None]:
+    """A lock file held inside; none stays, and who waits for the one that was sees that."""
+    with FileLock(path):
+        try:
+            yield
+        finally:
+            with suppress(OSError):
+                path.unlink()
 
 
 def _experiment(name: str, artifacts: str | None = None) -> str:

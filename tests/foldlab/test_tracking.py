@@ -121,6 +121,7 @@ def test_numbers_of_numpy_are_metrics(local):
     }  # fmt: skip
     with track("numbers", {}) as run:
         run.metrics({**values, "nan": np.float32("nan"), "array": np.ones(1)})
+    assert [path.name for path in Path("mlruns").iterdir()] == ["mlflow.db"]
     (kept,) = runs(local, "numbers")
     kept.data.metrics.pop("seconds")
     assert kept.data.metrics == {
