@@ -58,6 +58,13 @@ class Arrow(Exchanges):
     __dataframe__ = None
 
 
+class Converts(Exchanges):
+    __dataframe__ = None
+
+    def to_pandas(self):
+        return self._frame
+
+
 def structured(frame):
     return frame.to_records(index=False)
 
@@ -72,6 +79,7 @@ TABLES = {
     "pyarrow batch": pa.RecordBatch.from_pandas,
     "arrow stream": Arrow,
     "exchange": Exchanges,
+    "its own conversion": Converts,
     "columns": Like,
     "column_names": lambda f: Like(f, "column_names"),
     "colnames": lambda f: Like(f, "colnames"),
@@ -186,6 +194,10 @@ UNREADABLE = {
     "a row too short": ("\n".join(PLAIN.splitlines())[:-12], "2 cells in row 4 and 3 names"),
     "decimal commas between commas": (PLAIN.replace(".", ","), "decimal commas need semicolons"),
     "repeated": (PLAIN.replace("h_ratio", "E_ratio"), "has the column E_ratio twice"),
+    "repeated after a mark": (
+        "\ufeff" + PLAIN.replace("h_ratio", "E_ratio"),
+        "the column E_ratio twice",
+    ),
     "repeated after blanks": (PLAIN.replace("h_ratio", " E_ratio "), "the column E_ratio twice"),
     "empty": (" \n\n", r"can't be read as csv \(it is empty\)"),
     "Latin letters": ("größe,b\n1,2\n".encode("latin-1"), "can't be read as csv .*utf-8"),
