@@ -79,6 +79,18 @@ def test_shorter_elements_and_the_bent_axis_are_cures():
     assert Body.build(ring, bent=1).element == "hex27"
 
 
+def test_separate_parts_that_curve_get_the_default_element_too():
+    apart = box(
+        [1, 1.01], np.linspace(0, np.pi, 10), [0, 0.1],
+        keep=lambda X: np.abs(X[:, 1] - np.pi / 2) > 0.2, shape=polar,
+    )  # fmt: skip
+    body = Body.build(apart, parts=True)
+    assert body.element == "hex20" and body.locking() == ()
+    assert len(body.cells) == 8
+    with pytest.raises(ValueError, match="the mesh is 2 parts"):
+        Body.build(apart)
+
+
 def test_a_ring_counts_by_its_own_thickness_however_thin_it_is_cut():
     angles = np.linspace(0, np.pi, 9)
     losses = [

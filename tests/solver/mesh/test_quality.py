@@ -5,6 +5,7 @@ import pytest
 import skfem
 
 from solver.mesh.quality import quality
+from solver.mesh.structured import box
 
 
 def one_tetrahedron(*corners) -> skfem.MeshTet:
@@ -38,3 +39,13 @@ def test_a_bent_cell_says_the_smallest_over_the_largest_determinant():
     q = quality(skfem.MeshHex(p, mesh.t))
     assert q.bending == pytest.approx(0.5)
     assert q.inverted == 0
+
+
+def test_elements_through_a_layer_count_by_the_length_that_they_fill():
+    # A cell of 1 and one of 0.1: their mean extent along the line is (1² + 0.1²)/1.1.
+    layers = {"low": lambda X: X[:, 2] < 1.1, "top": lambda X: X[:, 2] > 1.1}
+    mesh = box([0, 1, 2], [0, 1], [0, 1, 1.1, 1.2], layers=layers)
+    through = quality(mesh, (0, 0, -2)).through
+    assert list(through) == ["low", "top"]
+    assert through["low"] == pytest.approx([1.1**2 / (1 + 0.1**2)] * 2)
+    assert through["top"] == pytest.approx([1.0, 1.0])

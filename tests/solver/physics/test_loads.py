@@ -63,6 +63,14 @@ def test_lines_through_faces_and_cells_of_27_nodes_and_along_curves():
         Line.of(body, body.nodes_where(lambda X: (X[:, 2] == 0.5) & (X[:, 0] == 0)))
 
 
+def test_a_fork_of_three_edges_is_no_line():
+    body = Body.build(skfem.MeshHex(), "hex8")
+    fork = body.nodes_where(lambda X: X.sum(axis=1) < 1.5)
+    assert len(fork) == 4
+    with pytest.raises(ValueError, match=r"no line: .* more than two meet at \(0, 0, 0\)"):
+        Line.of(body, fork)
+
+
 @pytest.mark.parametrize("element", ["hex27", "hex8"])
 def test_a_line_between_cells_that_run_opposite_ways(element):
     mesh = skfem.MeshHex.init_tensor([0, 1], [0, 1], [0, 1, 2])
