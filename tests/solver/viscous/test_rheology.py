@@ -184,6 +184,14 @@ def test_names_are_compositions():
     assert stiff.shortest_time(0.0, (2, 8)) == approx(0.5)
 
 
+def test_the_shortest_time_of_a_large_field_is_found_wherever_it_is():
+    E = np.linspace(1.0, 2.0, 500)
+    for at in (0, 137, 333, 499):
+        eta = np.ones(500)
+        eta[at] = 1e-3
+        assert Maxwell(E, 0.3, eta).shortest_time(0.0, (500, 8)) == approx(1e-3 / E[at])
+
+
 def test_bad_input():
     body = BODIES["hex8"]
     for eta in (0.0, -1.0, np.array([1.0, -2.0])):

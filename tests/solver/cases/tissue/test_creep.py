@@ -203,6 +203,22 @@ def test_stress_of_a_state_is_what_the_ends_carry(order):
     assert np.abs(own - 0.3).max() > 0.1
 
 
+def test_a_fixed_step_that_failed_once_comes_back_to_its_size(monkeypatch):
+    attempt, failed = evolution._attempt, []
+
+    def once(scene, state, stepper, t, dt, e):
+        if state.index == 2 and not failed:
+            failed.append(dt)
+            return evolution._Failed(Outcome.NOT_CONVERGED, 0, scene, state.x, e)
+        return attempt(scene, state, stepper, t, dt, e)
+
+    monkeypatch.setattr(evolution, "_attempt", once)
+    scene = creep.scene(Maxwell(1.0, 0.3, 1.0), 1e-2, 0.1)
+    path = followed(scene, TimeSteps(1e-10, 0.1), until=0.725, breaks=())
+    assert path.reached and failed == approx([0.1])
+    assert np.diff(path.times) == approx([0.1, 0.1, 0.025, 0.1, 0.1, 0.1, 0.1, 0.1])
+
+
 def test_a_step_lies_between_two_states_in_turn():
     scene = creep.scene(Maxwell(1.0, 0.3, 1.0), 1e-2, 0.1)
     path = followed(scene, TimeSteps(1e-10, 0.05), until=0.2, breaks=())
