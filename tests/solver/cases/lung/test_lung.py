@@ -325,6 +325,15 @@ def test_what_is_no_lung_within_a_hair_is_built():
     assert isinstance(hexahedra(lung, 0), Body)
 
 
+def test_a_stage_that_relaxes_is_the_one_that_contracts_walked_back():
+    body, bent = hexahedra(SMALL, 0), State(0.1, -0.4)
+    there, back = (scene(body, SMALL, Tissue(), *ends) for ends in ((REST, bent), (bent, REST)))
+    x = there.unknowns(0.01 * body.nodes)
+    for e in (0.0, 0.3, 1.0):
+        np.testing.assert_allclose(back.residual(x, 1 - e), there.residual(x, e), atol=1e-12)
+    assert np.abs(back.residual(x, 0.0) - back.residual(x, 1.0)).max() > 0.01  # it acts
+
+
 def test_a_stage_is_followed_once_for_each_tissue(monkeypatch):
     followed = []
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from solver.cases.unit import rod_kernel as kernel
-from solver.cases.unit.rod import ERROR, Ending, _parts, bend, ends
+from solver.cases.unit.rod import ERROR, STEADY, Ending, _parts, bend, ends
 from solver.cases.unit.section import natural
 from solver.cases.unit.unit import Unit
 
@@ -182,6 +182,17 @@ def test_weight_holds_a_unit_down_and_lets_it_lift():
     # Weight holds down what lies, and turns over what stands beyond upright.
     assert heavy.angle < heavy.natural and light.angle > light.natural > np.pi
     assert heavy.error > light.error
+
+
+def test_a_path_near_a_limit_point_is_not_steady_though_it_never_jumped():
+    bent = bend(TABLE_4_1)
+    for softness, steady in ((2 * STEADY, True), (STEADY / 2, False), (0.0, False)):
+        states = bent.states.copy()
+        # One state of the path is enough.
+        states[len(states) // 2, kernel.SOFTNESS] = softness
+        near = replace(bent, states=states)
+        assert near.settled and not near.snaps
+        assert near.steady is steady
 
 
 def test_what_is_nearly_unstable_multiplies_the_error_of_what_the_weight_takes():
