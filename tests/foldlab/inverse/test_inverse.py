@@ -287,6 +287,15 @@ def test_a_limit_left_out_is_missed_on_both_sides():
     assert at(3.0) == (0.0, "3")
 
 
+def test_the_bounds_are_those_of_the_wished_space_not_of_all_designs():
+    narrow = REDUCED.with_bounds(h_ratio=(2.0, 3.0))
+    limits = {limit.quantity: limit for limit in limits_of(Wish(space=narrow), (None, None))}
+    assert (limits["h_ratio"].low, limits["h_ratio"].high) == pytest.approx(np.log10([2, 3]))
+    x = Region(Wish(space=narrow), tuple(limits.values())).sample(200, np.random.default_rng(0))
+    h = 10.0 ** x[:, REDUCED.names.index("h_ratio")]
+    assert h.min() >= 2 - 1e-9 and h.max() <= 3 + 1e-9
+
+
 def test_where_nothing_folds_the_answer_is_empty_and_says_what_binds():
     wish = Wish(fixed={"slenderness": 0.1, "h_ratio": 8.0})
     answer = propose(wish, Soft(), 5, seed=0)

@@ -2,6 +2,7 @@
 
 import pytest
 
+import foldlab.learning.compare as comparing
 from foldlab.design import REDUCED
 from foldlab.labels.timoshenko import TimoshenkoSource
 from foldlab.learning.compare import compare, readable
@@ -24,3 +25,17 @@ def test_each_figure_is_of_the_labels_that_it_names():
     (text,) = readable(made.rows)
     assert float(text["fresh"]) == pytest.approx(told["accuracy"], abs=1e-4)
     assert text["dissertation"] == "0.962"
+
+
+def test_only_the_symbolic_model_learns_from_the_first_labels(monkeypatch):
+    fit, seen = comparing.fit, {}
+
+    def noted(name, space, table, **options):
+        seen[name] = list(table.index)
+        return fit("tree", space, table, **options)
+
+    monkeypatch.setattr(comparing, "fit", noted)
+    train, test = (TimoshenkoSource().evaluate(REDUCED.sample(n, seed=n)) for n in (300, 200))
+    made = compare(["symbolic", "tree"], REDUCED, train, test, test, seed=0, symbolic_labels=120)
+    assert seen == {"symbolic": list(range(120)), "tree": list(range(300))}
+    assert [row["labels"] for row in made.rows] == [120, 300]

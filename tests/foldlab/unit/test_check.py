@@ -41,6 +41,13 @@ def test_sizes_and_materials_make_the_groups():
     assert unit.strain["passive"] == (0.02, 0.04)
 
 
+def test_a_hinge_follows_its_panels_only_where_it_was_as_wide():
+    whole = sized(SIZES | STIFF, TABLE, "PET", "SMP")
+    narrow = sized(SIZES | STIFF | {"b_i": 5e-3}, TABLE, "PET", "SMP")
+    assert whole.changed(b_s=0.02).groups["hinge_width"] == 1.0
+    assert narrow.changed(b_s=0.02).groups["hinge_width"] == pytest.approx(0.25)
+
+
 def test_what_is_given_wins_over_the_material():
     unit = sized(SIZES | STIFF, TABLE, "PET", "SMP")
     assert unit.physical["E_i"] == 3e7 and "E_i" not in unit.ranges
