@@ -24,6 +24,15 @@ def number(name: str, value, above: float = -np.inf) -> float:
     return float(given)
 
 
+def whole(name: str, value, low: int, high: float = np.inf) -> int:
+    """One whole number from ``low`` to ``high``."""
+    kind = isinstance(value, int | np.integer) and not isinstance(value, bool)
+    if not (kind and low <= value <= high):
+        upto = "" if high == np.inf else f" to {high}"
+        raise ValueError(f"{name} = {value!r:.60}; expected a whole number from {low}{upto}")
+    return int(value)
+
+
 def vector(name: str, value) -> np.ndarray:
     """Three finite numbers, (3,)."""
     given = numbers(name, value)

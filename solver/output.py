@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from solver.given import number
 from solver.mesh.body import ELEMENTS, Body
 from solver.mesh.checks import determinants, orientation
 from solver.mesh.vtk import vtk_silenced
@@ -116,7 +117,7 @@ def grid(
     if u is not None:
         at_points = {"displacement": _displacement(body, u), **at_points}
     for name, values in at_points.items():
-        values = np.asarray(values)
+        values = _field(name, values)
         if values.shape[:1] != (n,):
             raise ValueError(
                 f"point field {name!r} has shape {values.shape}; expected ({n}, …): one per node"
@@ -125,7 +126,7 @@ def grid(
     number, names = _layers(body)
     at_cells = {**number, **(cell_data or {})}
     for name, values in at_cells.items():
-        _add(out.GetCellData(), name, _per_cell(body, name, np.asarray(values)))
+        _add(out.GetCellData(), name, _per_cell(body, name, _field(name, values)))
     if names:
         table = vtkStringArray()
         table.SetName("layer_names")
@@ -234,11 +235,12 @@ class Series:
         state that is there at this time is replaced. Returns the .vtu's path; raises what
         :func:`write_vtu` raises, and ValueError for a time before the last.
         """
-        last = self._states[-1][0] if self._states else -np.inf
+        e, last = number("e", e), self._states[-1][0] if self._states else -np.inf
         if time is None:
             time = max(np.floor(last) + 1, 0.0)
+        time = number("time", time)
         known = {t: name for t, _, name in self._states}
-        if not (np.isfinite(time) and (time > last or time in known)):
+        if not (time > last or time in known):
             raise ValueError(f"time {time:g} after {last:g}; give steps or lengths that grow")
         taken = set(known.values())
         count = len(self._states)
@@ -317,6 +319,17 @@ def _layers(body: Body) -> tuple[dict[str, np.ndarray], list[str]]:
     for i, cells in reversed(list(enumerate(named.values(), start=1))):
         number[np.asarray(cells)] = i
     return {"layer": number}, ["none", *named]
+
+
+def _field(name: str, values) -> np.ndarray:
+    """Real numbers or booleans; ValueError for all else, which VTK can't write."""
+    try:
+        values = np.asarray(values)
+    except ValueError:
+        raise ValueError(f"field {name!r} is {values!r:.60}; expected an array") from None
+    if values.dtype.kind not in "biuf":
+        raise ValueError(f"field {name!r} is of type {values.dtype}; expected real numbers")
+    return values
 
 
 def _add(data, name: str, values: np.ndarray) -> None:

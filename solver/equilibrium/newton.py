@@ -24,7 +24,7 @@ import numpy as np
 
 from solver.equilibrium.linear import SingularMatrix
 from solver.equilibrium.scene import Scene, System
-from solver.given import numbers
+from solver.given import number, numbers
 
 
 class Outcome(Enum):
@@ -109,7 +109,7 @@ def newton(
 
     Raises ValueError for a tolerance ≤ 0 and for a guess of the wrong shape.
     """
-    x = checked(scene, x, rtol)
+    x, e = checked(scene, x, rtol), number("e", e)
     return iterate(
         _AtLoad(scene, e, unstable), x, rtol=rtol, max_iterations=max_iterations, fresh=fresh
     )
@@ -267,7 +267,7 @@ def checked(scene: Scene, x: np.ndarray, rtol: float) -> np.ndarray:
             f"the guess has shape {x.shape}; expected ({scene.size},): Scene.unknowns(u) makes it "
             "from displacements (nodes, 3)"
         )
-    if not rtol > 0:
+    if not number("rtol", rtol) > 0:
         raise ValueError(f"rtol = {rtol}; expected a ratio > 0, such as 1e-8")
     return x
 

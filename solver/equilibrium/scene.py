@@ -173,6 +173,7 @@ class Scene:
         So a step in time swaps a term for its successor. Raises ValueError where they bring pairs
         of nodes that share no block here, or a stiffness that is not symmetric into one that is.
         """
+        terms = _checked(terms, self.body)
         if self.symmetric and not all(term.symmetric for term in terms):
             raise ValueError("a term's stiffness is not symmetric and this scene's is; build anew")
         known = {id(term.graph) for term in self.terms}

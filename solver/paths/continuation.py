@@ -17,7 +17,7 @@ from scipy.optimize import brentq
 
 from solver.equilibrium.newton import Outcome, checked, newton
 from solver.equilibrium.scene import Scene
-from solver.given import number, numbers
+from solver.given import number, numbers, whole
 from solver.paths.arc import NotFollowed, between, tangent
 from solver.paths.point import Ended, Point, Uncounted, Unlocated, reason
 from solver.paths.stability import Event, locate
@@ -120,8 +120,8 @@ def _walk(
     bounds=(-np.inf, np.inf),
 ) -> Generator[Point, None, Ended]:  # fmt: skip
     """:func:`follow`, which tells what was located beyond the last point too."""
-    if not isinstance(max_steps, int | np.integer) or max_steps < 1:
-        raise ValueError(f"max_steps = {max_steps!r}; expected a whole number, at least 1")
+    whole("max_steps", max_steps, 1)
+    number("e", e)
     if not callable(until):
         raise ValueError(f"until = {until!r}; expected load({until!r}), or a function of a point")
     if numbers("bounds", bounds).shape != (2,):

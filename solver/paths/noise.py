@@ -11,6 +11,7 @@ import numpy as np
 from solver.equilibrium.linear import SingularMatrix
 from solver.equilibrium.newton import largest
 from solver.equilibrium.scene import Scene
+from solver.given import number, whole
 from solver.paths.point import Point
 
 
@@ -23,11 +24,17 @@ class Noise:
     would strain a thin body more than it bends it. ``scene``: the scene to solve in a step, drawn
     from the given scene and a generator, for noise on densities and other fields; it must have the
     same unknowns. The numbers depend on ``seed`` and the index of the point only.
+
+    Raises ValueError for an amplitude that is not positive, and a seed below 0.
     """
 
     amplitude: float
     seed: int
     scene: Callable[[Scene, np.random.Generator], Scene] | None = None
+
+    def __post_init__(self):
+        number("amplitude", self.amplitude, above=0)
+        whole("seed", self.seed, 0)
 
     def draw(self, scene: Scene, point: Point) -> tuple[Scene, np.ndarray]:
         """The scene of the step after ``point`` and a field (size,), largest component 1."""

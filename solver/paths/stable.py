@@ -9,6 +9,8 @@ import numpy as np
 from solver.equilibrium.descent import descend
 from solver.equilibrium.newton import NewtonResult, Outcome, largest
 from solver.equilibrium.scene import Scene
+from solver.given import one_of, whole
+from solver.paths.pace import positive
 from solver.paths.point import Ended, Point
 from solver.paths.reasons import no_result
 from solver.paths.stability import Event, locate, switch
@@ -37,6 +39,8 @@ class StableSteps:
     falls. A fall is a ``snap`` where it moves the body by more than ``far``, max|Δu| over length,
     and the tangents at its ends don't explain that; else it is a ``bifurcation`` if it left an
     unstable state, and nothing if Newton's method had only failed.
+
+    Raises ValueError for sizes that are not positive, and sides that don't exist.
     """
 
     steps: LoadSteps
@@ -49,6 +53,15 @@ class StableSteps:
     max_arc_steps: int = 60
     cuts: int = 2
     far: float = 0.05
+
+    def __post_init__(self):
+        one_of("steps", LoadSteps, self.steps, "LoadSteps(rtol, step)")
+        positive(self, "reach", "nudge", "beyond", "far")
+        whole("most", self.most, 1)
+        whole("max_arc_steps", self.max_arc_steps, 1)
+        whole("cuts", self.cuts, 0)
+        if self.side not in (1, -1):
+            raise ValueError(f"side = {self.side!r}; expected 1 or -1, the two ways at a branch")
 
     @property
     def rtol(self) -> float:

@@ -17,6 +17,7 @@ from solver.equilibrium.descent import descend
 from solver.equilibrium.linear import Factor
 from solver.equilibrium.newton import NewtonResult, Outcome, largest, newton
 from solver.equilibrium.scene import Scene
+from solver.given import number, one_of, whole
 from solver.paths.arc import Ellipsoid, correct, tangent
 from solver.paths.noise import Noise
 from solver.paths.pace import ArcPace, LoadPace, positive, towards
@@ -76,8 +77,9 @@ class LoadSteps:
 
     def __post_init__(self):
         positive(self, "rtol", "jump")
-        if not (0 <= self.order <= 5):
-            raise ValueError(f"order = {self.order}; expected an order from 0 to 5")
+        whole("order", self.order, 0, 5)
+        whole("max_iterations", self.max_iterations, 1)
+        _noisy(self.noise)
         _ = self.pace
 
     @property
@@ -233,11 +235,11 @@ class ArcLength:
 
     def __post_init__(self):
         positive(self, "rtol")
-        if not (self.forward < 1 and 1 <= self.order <= 5):
-            raise ValueError(
-                f"forward = {self.forward}, order = {self.order}; "
-                "expected forward < 1 and an order from 1 to 5"
-            )
+        whole("order", self.order, 1, 5)
+        whole("max_iterations", self.max_iterations, 1)
+        _noisy(self.noise)
+        if not number("forward", self.forward) < 1:
+            raise ValueError(f"forward = {self.forward}; expected a cosine, less than 1")
         if self.direction not in (None, 1, -1):
             raise ValueError(
                 f"direction = {self.direction!r}; expected 1 (the load rises at first), -1 (it "
@@ -328,6 +330,11 @@ class ArcLength:
             control=self.pace.following(metric, moved, result.iterations),
             history=point.past(),
         )
+
+
+def _noisy(noise: Noise | None) -> None:
+    if noise is not None:
+        one_of("noise", Noise, noise, "Noise(amplitude, seed)")
 
 
 def heading(point: Point, target: float | None) -> float:

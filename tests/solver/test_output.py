@@ -214,7 +214,7 @@ def test_states_keep_their_order_when_the_load_returns_or_snaps(times, tmp_path)
         np.testing.assert_array_equal(state["displacement"], k)
     with pytest.raises(ValueError, match="give steps or lengths that grow"):
         series.write(0.3, u, time=1.1)
-    with pytest.raises(ValueError, match="give steps or lengths that grow"):
+    with pytest.raises(ValueError, match="time = nan; expected one finite number"):
         series.write(0.3, u, time=np.nan)
 
 
@@ -264,6 +264,8 @@ def test_output_refuses(tmp_path):
         (lambda: Series(tmp_path / "a.vtu", body), "ends in .pvd"),
         (lambda: Series(tmp_path / "no" / "a.pvd", body), "there is no folder"),
         (lambda: Series(tmp_path / "bad.pvd", body, resume=True), "is no PVD series"),
+        (lambda: Series(tmp_path / "a.pvd", body).write(np.nan, u), "e = nan; expected one finite"),
+        (lambda: Series(tmp_path / "a.pvd", body).write(0, u, time="b"), "time is 'b'; expected"),
         (lambda: cell_fields(body, u, [], 0.0), "no Elastic term"),
         (lambda: cell_fields(body, -2 * body.nodes, elastic(body), 0.0), "does not admit"),
     ):

@@ -8,7 +8,10 @@ from solver.equilibrium.newton import newton
 from solver.equilibrium.reactions import reaction
 from solver.equilibrium.scene import Scales, Scene
 from solver.mesh.body import Body
+from solver.output import grid
 from solver.paths.continuation import load, trace
+from solver.paths.noise import Noise
+from solver.paths.stable import StableSteps
 from solver.paths.steppers import ArcLength, LoadSteps
 from solver.physics.elastic import Elastic
 from solver.physics.ground import Ground, GroundExponential
@@ -60,6 +63,17 @@ def scene(*more, **given):
 LOW = BODY.nodes[:, 2] < 1e-9
 HELD = scene(fixed=[Fixed(LOW, axis) for axis in np.eye(3)])
 REST = np.zeros(HELD.size)
+
+
+WORDS = np.full(N, 1, object)
+
+
+def arc(**given):
+    return ArcLength(1e-8, 0.1, 0.1, **given)
+
+
+def stable(**given):
+    return StableSteps(LoadSteps(1e-8, 0.1), **given)
 
 
 def walk(**given):
@@ -149,6 +163,29 @@ GIVEN = {
     "guess": (lambda v: newton(HELD, v, 0.0, rtol=1e-8), REST, [*POSITIVE[2:], REST[1:]]),
     "step": (lambda v: LoadSteps(1e-8, v), 0.1, [*POSITIVE[2:], np.nan]),
     "rtol": (lambda v: ArcLength(v, a=0.1, b=0.1), 1e-8, [*POSITIVE[2:], np.nan]),
+    "load of newton": (lambda v: newton(HELD, REST, v, rtol=1e-8), 0.0, [*NEVER, None]),
+    "tolerance": (lambda v: newton(HELD, REST, 0.0, rtol=v), 1e-8, POSITIVE),
+    "load of the start": (lambda v: walk(e=v), 0.5, [*NEVER, None]),
+    "order": (lambda v: LoadSteps(1e-8, 0.1, order=v), 0, [*PLUS, 1.5, 6]),
+    "order of an arc": (lambda v: arc(order=v), 5, [*POSITIVE, 1.5, 6]),
+    "forward": (lambda v: arc(forward=v), -1, [*NEVER, None, 1.0]),
+    "iterations": (lambda v: LoadSteps(1e-8, 0.1, max_iterations=v), 1, [*POSITIVE, 1.5]),
+    "iterations of an arc": (lambda v: arc(max_iterations=v), 1, [*POSITIVE, 1.5]),
+    "noise": (lambda v: LoadSteps(1e-8, 0.1, noise=v), Noise(1e-3, 0), [*NEVER, 1.0]),
+    "noise of an arc": (lambda v: arc(noise=v), None, [*NEVER, 1.0]),
+    "amplitude": (lambda v: Noise(v, 0), 1e-3, POSITIVE),
+    "seed": (lambda v: Noise(1e-3, v), 0, [*PLUS, 0.5]),
+    "stable steps": (StableSteps, LoadSteps(1e-8, 0.1), [*POSITIVE, arc()]),
+    "side": (lambda v: stable(side=v), -1, [*POSITIVE[2:3], None, 0, 2]),
+    "reach of a fall": (lambda v: stable(reach=v), 0.1, [*POSITIVE[2:], np.nan]),
+    "nudge": (lambda v: stable(nudge=v), 0.1, [*POSITIVE[2:], np.nan]),
+    "beyond": (lambda v: stable(beyond=v), 0.1, [*POSITIVE[2:], np.nan]),
+    "far": (lambda v: stable(far=v), 0.1, [*POSITIVE[2:], np.nan]),
+    "most": (lambda v: stable(most=v), 1, [*POSITIVE, 1.5]),
+    "steps of an arc": (lambda v: stable(max_arc_steps=v), 1, [*POSITIVE, 1.5]),
+    "cuts": (lambda v: stable(cuts=v), 0, [*PLUS, 1.5]),
+    "other terms": (HELD.with_terms, HELD.terms, POSITIVE),
+    "field": (lambda v: grid(BODY, point_data={"f": v}), np.ones(N), [*NEVER, WORDS, WORDS * 1j]),
     "target": (lambda v: walk(until=v), load(1.0), [1.0, "e", None, lambda p: None, lambda p: "e"]),
     "load to reach": (load, 1.0, [*NEVER, None]),
     "steps allowed": (lambda v: walk(max_steps=v), 9, [*POSITIVE, 1.5]),
