@@ -24,6 +24,14 @@ def number(name: str, value, above: float = -np.inf) -> float:
     return float(given)
 
 
+def positive(choices, *names: str) -> None:
+    """Raises ValueError for the first of the attributes that is not > 0."""
+    for name in names:
+        value = numbers(name, getattr(choices, name))
+        if value.shape or not value > 0:
+            raise ValueError(f"{name} = {getattr(choices, name)}; expected a number > 0")
+
+
 def whole(name: str, value, low: int, high: float = np.inf) -> int:
     """One whole number from ``low`` to ``high``."""
     kind = isinstance(value, int | np.integer) and not isinstance(value, bool)

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from solver.given import numbers
+from solver.given import positive
 from solver.paths.point import Metric
 
 
@@ -95,11 +95,3 @@ class ArcPace:
         ratio = np.clip(np.sqrt(2) * np.array(moved) * rate, 0.5 * now, 2 * now) / first
         ratio = np.minimum(np.maximum(ratio, ratio.max() / 10), self.largest)
         return tuple(float(c) for c in ratio * first)
-
-
-def positive(choices, *names: str) -> None:
-    """Raises ValueError for the first of the attributes that is not > 0."""
-    for name in names:
-        value = numbers(name, getattr(choices, name))
-        if value.shape or not value > 0:
-            raise ValueError(f"{name} = {getattr(choices, name)}; expected a number > 0")

@@ -9,8 +9,7 @@ import numpy as np
 from solver.equilibrium.descent import descend
 from solver.equilibrium.newton import NewtonResult, Outcome, largest
 from solver.equilibrium.scene import Scene
-from solver.given import one_of, whole
-from solver.paths.pace import positive
+from solver.given import one_of, positive, whole
 from solver.paths.point import Ended, Point
 from solver.paths.reasons import no_result
 from solver.paths.stability import Event, locate, switch

@@ -17,10 +17,10 @@ from solver.equilibrium.descent import descend
 from solver.equilibrium.linear import Factor
 from solver.equilibrium.newton import NewtonResult, Outcome, largest, newton
 from solver.equilibrium.scene import Scene
-from solver.given import number, one_of, whole
+from solver.given import number, one_of, positive, whole
 from solver.paths.arc import Ellipsoid, correct, tangent
 from solver.paths.noise import Noise
-from solver.paths.pace import ArcPace, LoadPace, positive, towards
+from solver.paths.pace import ArcPace, LoadPace, towards
 from solver.paths.point import Ended, Metric, Point, displacement_size
 from solver.paths.predictor import choose, extrapolate, guesses, misfit
 from solver.paths.reasons import JUMPED, NO_TANGENT, no_result, no_step

@@ -20,6 +20,7 @@ import numpy as np
 
 from solver.equilibrium.newton import Outcome, newton
 from solver.equilibrium.scene import Scene
+from solver.given import number, one_of, positive, whole
 from solver.viscous.term import Memory, Past, over_step, viscous
 
 
@@ -49,10 +50,10 @@ class TimeSteps:
     max_iterations: int = 25
 
     def __post_init__(self):
-        for f in ("rtol", "step", "tolerance", "smallest", "largest"):
-            value = getattr(self, f)
-            if value is not None and not value > 0:
-                raise ValueError(f"{f} = {value}; expected a number > 0")
+        positive(self, "rtol", "step", "smallest", "largest")
+        if self.tolerance is not None:
+            positive(self, "tolerance")
+        whole("max_iterations", self.max_iterations, 1)
         if self.order not in (1, 2):
             raise ValueError(f"order = {self.order}; expected 1 (backward Euler) or 2 (BDF2)")
 
@@ -191,10 +192,10 @@ def march(
     Raises ValueError for a time that is not ahead, a state of another scene, and max_steps < 1.
     """
     terms = viscous(scene)
-    if not until > state.t:
+    one_of("state", State, state, "start(scene)")
+    if not number("until", until) > state.t:
         raise ValueError(f"until = {until:g}; expected a time after the state's, {state.t:g}")
-    if max_steps < 1:
-        raise ValueError(f"max_steps = {max_steps}; expected at least 1")
+    whole("max_steps", max_steps, 1)
     _refuse_other(scene, state)
     if stepper.tolerance is None:
         warn_unresolved(terms, stepper.step, load, state.t, until)

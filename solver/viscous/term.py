@@ -13,6 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from solver.equilibrium.scene import Scene
+from solver.given import one_of
 from solver.mesh.body import Body
 from solver.physics.elastic import CHUNK, Elastic
 from solver.physics.fields import Points
@@ -236,6 +237,7 @@ class Viscous(Elastic):
     ):
         """Raises ValueError for a memory of another body or rheology, times that are not positive,
         and what :class:`Elastic` refuses."""
+        one_of("rheology", Rheology, rheology, "Maxwell(E, nu, eta)")
         rest = Memory.rest(body, rheology)
         for memory in (before, earlier):
             shapes = [] if memory is None else [memory.strains.shape, memory.joints.shape]

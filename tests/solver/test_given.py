@@ -22,6 +22,9 @@ from solver.physics.patterns import Pattern
 from solver.physics.pressure import Pressure
 from solver.physics.rubber import MooneyRivlin
 from solver.physics.supports import Fixed, Row, rotation_row, translation_row
+from solver.viscous.evolution import TimeSteps, evolve, start
+from solver.viscous.rheology import Maxwell
+from solver.viscous.term import Viscous
 
 BODY = block("hex8")
 M, N = len(BODY.cells), len(BODY.nodes)
@@ -61,8 +64,17 @@ def scene(*more, **given):
 
 
 LOW = BODY.nodes[:, 2] < 1e-9
-HELD = scene(fixed=[Fixed(LOW, axis) for axis in np.eye(3)])
+HELD_BY = [Fixed(LOW, axis) for axis in np.eye(3)]
+HELD = scene(fixed=HELD_BY)
 REST = np.zeros(HELD.size)
+
+
+SLOW = Scene(BODY, [Viscous(BODY, Maxwell(1.0, 0.3, 1.0), dt=0.1)], fixed=HELD_BY)
+
+
+def late(state=None, **given):
+    state = start(SLOW) if state is None else state
+    return evolve(SLOW, state, TimeSteps(1e-8, 0.1, 0.1), **({"until": 0.1} | given))
 
 
 WORDS = np.full(N, 1, object)
@@ -184,6 +196,13 @@ GIVEN = {
     "most": (lambda v: stable(most=v), 1, [*POSITIVE, 1.5]),
     "steps of an arc": (lambda v: stable(max_arc_steps=v), 1, [*POSITIVE, 1.5]),
     "cuts": (lambda v: stable(cuts=v), 0, [*PLUS, 1.5]),
+    "rheology": (lambda v: Viscous(BODY, v, dt=0.1), Maxwell(1.0, 0.3, 1.0), [*POSITIVE, SOLID]),
+    "state": (lambda v: evolve(SLOW, v, TimeSteps(1e-8, 0.1), until=0.01), start(SLOW), POSITIVE),
+    "time to reach": (lambda v: late(until=v), 0.1, [*POSITIVE, 0.0]),
+    "steps in time": (lambda v: late(max_steps=v), 9, [*POSITIVE, 1.5]),
+    "step in time": (lambda v: TimeSteps(1e-8, v), 0.1, [*POSITIVE[2:], np.nan]),
+    "strain per step": (lambda v: TimeSteps(1e-8, 1, v), None, [*POSITIVE[2:6], -1.0, 0.0]),
+    "iterations in time": (lambda v: TimeSteps(1e-8, 1, max_iterations=v), 1, [*POSITIVE, 1.5]),
     "other terms": (HELD.with_terms, HELD.terms, POSITIVE),
     "field": (lambda v: grid(BODY, point_data={"f": v}), np.ones(N), [*NEVER, WORDS, WORDS * 1j]),
     "target": (lambda v: walk(until=v), load(1.0), [1.0, "e", None, lambda p: None, lambda p: "e"]),
