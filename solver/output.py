@@ -171,8 +171,7 @@ def write_vtu(
         with vtk_silenced() as complaint:
             written = writer.Write() == 1 and not complaint()
         if not written:
-            why = complaint() or "is there space and leave to write?"
-            raise OSError(f"VTK could not write {path}: {why}")
+            raise OSError(f"VTK could not write {path}; is there space and leave to write?")
         os.replace(draft, path)
     finally:
         draft.unlink(missing_ok=True)

@@ -173,6 +173,7 @@ class LabelStore:
         self.mode = mode
         self._db: sqlite3.Connection | None = None
         self._lock: filelock.BaseFileLock | None = None
+        self._bare = False  # made here, and without a label so far
         if mode not in ("read", "write"):
             raise InputError(f"mode {mode!r}; a store is opened to 'read' or to 'write'")
         if mode == "read" and not self.path.exists():
@@ -253,7 +254,9 @@ class LabelStore:
             db.executemany(
                 "INSERT OR IGNORE INTO design (key) VALUES (?)", ((r[-1],) for r in rows)
             )
-            return db.executemany(_INSERT, rows).rowcount if rows else 0
+            count = db.executemany(_INSERT, rows).rowcount if rows else 0
+        self._bare = self._bare and not count
+        return count
 
     def frame(self, source: str | None = None, version: str | None = None) -> pd.DataFrame:
         """The table of :func:`labels_to_frame`, by source, version and first request of a design.
@@ -367,10 +370,15 @@ class LabelStore:
             raise InputError(f"the store {self.path} is {state}; open it with mode='write'")
         try:
             if self._db is None:
-                self._db = create(self.path)
+                self._db, self._bare = create(self.path), True
             with self._db:
                 yield self._db
         except (sqlite3.Error, OSError) as error:
+            if self._bare:
+                self._db.close()
+                for file in (self.path, Path(f"{self.path}-journal")):
+                    file.unlink(missing_ok=True)
+                self._db, self._bare = None, False
             raise failure(self.path, error) from error
 
 

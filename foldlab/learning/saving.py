@@ -149,7 +149,7 @@ def read_card(directory: str | Path) -> dict:
     path = Path(directory) / CARD
     try:
         card = json.loads(path.read_text(encoding="utf-8"))
-    except FileNotFoundError:
+    except (FileNotFoundError, NotADirectoryError):
         raise InputError(
             f"no model in {directory} (no {CARD}); give a directory written by save_model"
         ) from None

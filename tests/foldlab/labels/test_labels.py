@@ -10,6 +10,7 @@ import textwrap
 import numpy as np
 import pandas as pd
 import pytest
+from full_disk import no_room_beyond
 
 from foldlab.errors import InputError
 from foldlab.labels.label import Label, design_key, labels_to_frame
@@ -300,6 +301,20 @@ def test_export_round_trip(path, suffix):
     assert how["labels"] == 3
     assert how["foldlab"]
     assert how["sources"] == [{"source": "test", "version": "1", "labels": 3}]
+
+
+@pytest.mark.parametrize("room", [30_000, 60_000])
+def test_a_store_that_finds_no_room_for_its_first_labels_is_not_left(path, tmp_path, room):
+    labels = [a_label(float(k), True, "r" * 2000) for k in range(40)]
+    with LabelStore(path) as store:
+        with no_room_beyond(room), pytest.raises(InputError, match="running again"):
+            store.add_many(labels)
+        assert not path.exists()
+        assert store.add_many(labels) == 40
+        with no_room_beyond(30_000), pytest.raises(InputError, match="what was committed stays"):
+            store.add_many(a_label(k + 0.5, True, "r" * 2000) for k in range(40))
+        assert len(store.frame()) == 40
+    assert [p.name for p in tmp_path.iterdir()] == ["s.db"]
 
 
 def test_a_table_is_not_left_without_what_says_how_it_was_made(path, tmp_path):
