@@ -64,7 +64,8 @@ def _read(path) -> pd.DataFrame:
     missing = [c for c in ("name", "role", *ends) if c not in table.columns]
     if missing or table.empty:
         raise InputError(
-            f"materials {path}: {len(table)} rows, missing: {', '.join(missing) or 'none'}; "
+            f"materials {path}: {len(table)} rows, missing: {', '.join(missing) or 'none'}; it has "
+            f"the columns {', '.join(map(str, table.columns))}, expected commas between them: "
             "start from the shipped table"
         )
     if table["name"].duplicated().any():

@@ -70,3 +70,10 @@ def test_a_strain_that_is_half_given_is_refused(tmp_path):
     own.write_text(HEAD.strip() + ",strain_low,strain_high\nslate,passive,1,2,3,4,,,0.1,\n")
     with pytest.raises(InputError, match="for strain"):
         read_materials(own)
+
+
+def test_a_table_with_semicolons_says_which_columns_were_seen(tmp_path):
+    own = tmp_path / "own.csv"
+    own.write_text(HEAD.replace(",", ";") + "slate;passive;1;2;3;4;;\n")
+    with pytest.raises(InputError, match=r"it has the columns name;role.*expected commas"):
+        read_materials(own)

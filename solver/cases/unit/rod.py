@@ -258,21 +258,29 @@ def bend(unit: Unit, *, heavy: bool = True) -> Bent:
             time.perf_counter() - begun, *_NOTHING,
         )  # fmt: skip
     # The last state once more on intervals of half the length.
-    angle = states[-1, kernel.TIP_ANGLE]
+    coarse = lengths, x.copy()
+    angle, turned = states[-1, [kernel.TIP_ANGLE, kernel.HINGE_ANGLE]]
     lengths = np.repeat(lengths / 2, 2)
     x = np.concatenate([x[:1], np.repeat(x[1:] / 2, 2)])
     parts, n = _parts(unit, heavy, lengths, 2 * hinge), len(lengths)
     kernel.set_load(states[-1, kernel.LOAD], lengths, 2 * hinge, *hinge_parts, parts[0])
     shape, scratch = np.zeros((6, n + 1)), (np.zeros((3, n + 1)), np.zeros((n + 1, 3)))
-    while not np.isfinite(kernel.energy(x, *parts, shape)):
-        # Between the coarser nodes it lies below the floor.
-        x[0] += 0.01 * unit.slenderness
+    lift = 0.01 * unit.slenderness
+    while not np.isfinite(kernel.energy(x, *parts, shape)) and lift < 1:
+        # Between the coarser nodes it lies below the floor; of a sheet that is very long against
+        # its thickness, by many thicknesses.
+        x[0] += lift
+        lift *= 2
     used, _, _ = kernel.settle(x, *parts, shape, *scratch, RULES[2], 100)
-    again = shape[kernel.ANGLE, n]
+    # Of second order: a third of the difference remains.
+    doubt = 2 * abs(shape[kernel.ANGLE, n] - angle) / 3
+    if used > 0:
+        angle, turned = shape[kernel.ANGLE, [n, 2 * hinge]]
+    else:
+        # What doesn't settle there was no state of the rod.
+        ending, doubt, (lengths, x) = kernel.LOST, np.inf, coarse
     return Bent(
-        unit, _ENDINGS[ending], states, 2 * again, 2 * shape[kernel.ANGLE, 2 * hinge], 2 * free,
-        # Of second order: a third of the difference remains.
-        2 * abs(again - angle) / 3 if used > 0 else np.inf,
+        unit, _ENDINGS[ending], states, 2 * angle, 2 * turned, 2 * free, doubt,
         iterations + abs(used), time.perf_counter() - begun,
         np.concatenate([[0.0], np.cumsum(lengths)]), x[1:], float(x[0]),
     )  # fmt: skip

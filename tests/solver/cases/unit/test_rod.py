@@ -239,3 +239,22 @@ def test_a_rod_refuses_what_it_does_not_know():
     for unit in (replace(TABLE_4_1, strips=3), replace(TABLE_4_1, nu=0.4)):
         with pytest.raises(ValueError, match=r"solid layers with nu = 0\.3"):
             bend(unit)
+
+
+@pytest.mark.parametrize("length", [40.0, 8e3])
+def test_a_sheet_very_long_against_its_thickness_is_given_up_soon(length, monkeypatch):
+    """A sheet of 0.1 mm, metres or kilometres long: on the finer intervals it began deep in the
+    ground and was lifted by a hundredth of its thickness at a time, without an end; what then did
+    not settle was told as its angle."""
+    lifted, energy = [], kernel.energy
+    monkeypatch.setattr(kernel, "energy", lambda *given: lifted.append(0) or energy(*given))
+    long = Unit(
+        E_ratio=0.01, rho_ratio=0.8, hinge_length=0.01 / length, hinge_width=1.0, h_ratio=2.0,
+        stiffness_to_weight=4e9 * 1e-8 / (1390 * 9.81 * length**3), aspect=0.01 / length,
+        slenderness=1e-4 / length, contraction=0.2,
+    )  # fmt: skip
+    bent = bend(long)
+    assert 10 < len(lifted) < 60
+    assert bent.ending is Ending.LOST and not bent.settled and bent.error == np.inf
+    assert bent.angle == 2 * bent.states[-1, kernel.TIP_ANGLE]
+    assert len(bent.s) == len(bent.turns) + 1
