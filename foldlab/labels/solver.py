@@ -293,7 +293,7 @@ class SolverSource:
         try:
             model = build(unit, meshing, physics, supports, watch=watch)
         except ValueError as error:
-            raise InputError(f"the design has no mesh: {error}") from error
+            raise InputError(f"the design has no mesh: {_why(unit)}{error}") from error
         noise = None if self.seed is None else (1e-3, self.seed)
         steps = {"rtol": self.effort.plan.tolerance, "turn": self.effort.plan.turn}
         folding = unit_path.fold(model, stop=closed, noise=noise, on_state=seen, **steps)
@@ -384,3 +384,15 @@ def make_source(name: str, settings: Mapping[str, Any] | None = None, **fixed):
     if name not in SOURCES:
         raise InputError(f"no label source {name!r}; there are: {', '.join(SOURCES)}")
     return call(SOURCES[name], settings or {}, what=f"source {name!r}", **fixed)
+
+
+def _why(unit: Unit) -> str:
+    """The cause of a mesh that can't be, where the lengths tell it; else empty."""
+    lengths = {"l_s": 1.0} | {
+        n: getattr(unit, n) for n in ("slenderness", "hinge_length", "aspect")
+    }
+    small, large = (end(lengths, key=lengths.get) for end in (min, max))
+    if lengths[large] < 1e6 * lengths[small]:
+        return ""
+    told = (f"{n} = {lengths[n]:g}" for n in (small, large))
+    return f"{' and '.join(told)} lie too far apart; "

@@ -379,8 +379,12 @@ def test_a_design_that_is_no_unit_is_refused():
     ):
         with pytest.raises(InputError):
             SolverSource().label(LIGHT | change)
-    with pytest.raises(InputError, match=r"the design has no mesh: .*inverted or flat"):
+    with pytest.raises(InputError, match=r"no mesh: .* and aspect = 1e\+29 lie .*inverted or flat"):
         SolverSource().label(LIGHT | {"aspect": 1e29})
+    with pytest.raises(
+        InputError, match="no mesh: slenderness = 1e-09 and l_s = 1 lie too far apart"
+    ):
+        SolverSource().label(LIGHT | {"slenderness": 1e-9})
 
 
 def test_labels_know_what_strains_and_what_breaks():
