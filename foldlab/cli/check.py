@@ -105,7 +105,7 @@ def check(
     source.unit(unit.groups)
     with nullcontext() if quick else output_folder(out):
         first = by_rod(unit, source)
-        note(_first(first))
+        note(_first(first, quick))
         answer: dict[str, Any] = {
             "materials": dict(unit.materials),
             "physical": dict(unit.physical),
@@ -177,9 +177,10 @@ def _told(change: Change | None, unit: Sized) -> dict[str, Any] | None:
     }
 
 
-def _first(label: Label | None) -> str:
+def _first(label: Label | None, quick: bool) -> str:
     if label is None:
-        return "first answer: none, for a rod does not know such units; the solver is asked …"
+        asked = "" if quick else "; the solver is asked …"
+        return f"first answer: none, for a rod does not know such units{asked}"
     angle = label.evidence.get("m1")
     turned = "" if angle is None else f" ({angle * DEGREES:.0f}°)"
     return f"first answer, of a rod: {label.reason}{turned}"
