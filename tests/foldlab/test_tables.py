@@ -1,5 +1,7 @@
 """Tables that people bring: names decide columns, whatever library made the table."""
 
+import os
+import stat
 from collections import namedtuple
 from functools import partial
 
@@ -235,3 +237,15 @@ def test_labels_may_be_words(yes, no, tmp_path):
     path.write_text(X.assign(foldable=[*words[:4], "perhaps"]).to_csv(index=False))
     with pytest.raises(InputError, match="labels contain perhaps"):
         known_labels(read_table(path), REDUCED)
+
+
+@pytest.mark.parametrize("suffix", ["csv", "parquet"])
+@pytest.mark.parametrize("umask, mode", [(0o022, 0o644), (0o007, 0o660)])
+def test_a_table_may_be_read_by_whom_the_users_files_may(umask, mode, suffix, tmp_path):
+    before = os.umask(umask)
+    try:
+        path = write_table(REDUCED.sample(3, seed=0), tmp_path / f"designs.{suffix}")
+        assert os.umask(umask) == umask
+    finally:
+        os.umask(before)
+    assert stat.S_IMODE(path.stat().st_mode) == mode

@@ -114,6 +114,8 @@ class Forgetful(TimoshenkoSource):
 def test_unknown_labels_are_counted_and_not_trained_on():
     result = run("boundary", source=Forgetful())
     assert list(result.curve["unknown"]) == [12, 16, 20, 24]
+    # They were paid for all the same.
+    assert list(result.curve["labels"]) == [60, 80, 100, 120]
     assert [n for n, _ in result.model.calls] == [48, 64, 80, 96]
 
 

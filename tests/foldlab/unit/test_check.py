@@ -181,6 +181,19 @@ def test_what_the_materials_leave_open():
     }, TABLE), SOURCE) is None  # fmt: skip
 
 
+@pytest.mark.parametrize("told", [29, 31])
+def test_materials_leave_a_fraction_open_only_where_the_rod_knows_half_of_the_units(
+    told, monkeypatch
+):
+    unit = sized(SIZES, TABLE, "PET", "SMP")
+    some = check.by_rod(unit, SOURCE)
+    labels = [replace(some, foldable=True, evidence={"m1": 1.0})] * told
+    labels += [replace(some, foldable=None), None] * 16
+    monkeypatch.setattr(check, "_labels", lambda rod, designs: labels[:60])
+    over = check.uncertainty(unit, SOURCE, 60)
+    assert over is None if told < 30 else (over["draws"], over["folds"]) == (31, 1.0)
+
+
 def test_without_a_rod_nothing_is_scanned():
     unit = sized(SIZES | STIFF, TABLE, "PET", "SMP")
     source = SolverSource(Conditions(growth="isotropic"))

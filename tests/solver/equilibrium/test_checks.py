@@ -172,6 +172,18 @@ def test_rows_that_follow_from_each_other_are_named(body):
     assert scene(body, rows=[*rows, *(rotation_row(body, k) for k in range(3))]).n_rows == 6
 
 
+@pytest.mark.parametrize("factor", [1e-8, 1e8])
+def test_rows_are_as_independent_in_any_unit(body, factor):
+    """In nanometres or in metres: rows of small coefficients counted as repeating each other."""
+    rows = [
+        picking(body, k, axis, factor, 1e-3 * factor, f"row {k}")
+        for k, axis in ((0, 0), (5, 1), (9, 2))
+    ]
+    assert scene(body, rows=[*rows, picking(body, 20, 0, name="one")]).n_rows == 4
+    with pytest.raises(ValueError, match="rows 'row 9', 'again' are not independent"):
+        scene(body, rows=[*rows, picking(body, 9, 2, name="again")])
+
+
 @pytest.mark.parametrize(
     "row, message",
     [

@@ -105,6 +105,24 @@ def test_a_volume_in_two_groups_has_its_cells_once(version, tmp_path):
 
 
 @needs_gmsh
+def test_reading_a_file_leaves_the_callers_own_session_and_model(tmp_path):
+    with Model() as model:
+        unit(model)
+        model.tetrahedra(1.0, {"passive": H, "active": L}, order=1)
+        model.write(tmp_path / "unit.msh")
+    gmsh = load_gmsh()
+    gmsh.initialize(readConfigFiles=False, interruptible=False)
+    try:
+        gmsh.model.add("the caller's")
+        assert read(tmp_path / "unit.msh").t.shape[1] > 0
+        assert gmsh.isInitialized()
+        assert gmsh.model.getCurrent() == "the caller's" and "read" not in gmsh.model.list()
+    finally:
+        if gmsh.isInitialized():
+            gmsh.finalize()
+
+
+@needs_gmsh
 def test_serendipity_file(tmp_path):
     """A .msh of 20-node hexahedra gets its face and centre nodes by their shape functions."""
     with Model() as model:

@@ -63,6 +63,19 @@ def test_pulls_are_kept_from_step_to_step_and_never_exceed_what_presses():
     assert down.evaluate(far + 0.1 * (half > 0), 0.0, 1).force[:, 0].sum() > 1.0
 
 
+def test_a_pull_cut_down_by_less_weight_is_gone_after_a_slip_back():
+    """Else it would pull on until the points had come back by what it was before."""
+    body, slip = BODIES["hex27"], 1e-2
+    first = Friction.at_rest(floor(body), 0.3, slip, np.zeros_like(body.nodes))
+    lifted = np.tile([0.2, 0.0, 0.03], (len(body.nodes), 1))
+    now = first.moved(lifted)
+    pulls = [
+        now.evaluate(lifted - [back * slip, 0, 0], 0.0, 1).force[:, 0].sum() for back in (0, 0.5, 1)
+    ]
+    assert pulls[0] > 0.1
+    assert pulls[1:] == pytest.approx([pulls[0] / 2, 0], abs=1e-10)
+
+
 def followed(make, friction, loads):
     """States of a scene made from its friction, at loads in turn, and the friction of each."""
     scene = make(friction)

@@ -66,6 +66,20 @@ def test_all_materials_share_the_small_strain_moduli():
     )
 
 
+@pytest.mark.parametrize("nu", [-0.9, -0.3, 0.0])
+def test_a_bar_of_an_auxetic_material_widens_under_tension(nu):
+    for material in (NeoHookean(E, nu), StVenantKirchhoff(E, lambda e: nu), SmallStrain(E, [nu])):
+
+        def side(b, material=material):
+            return material.response(np.diag([1 + 1e-6, b, b]), 0.0)[1][1, 1]
+
+        widened = brentq(side, 1 - 1e-5, 1 + 1e-5, xtol=1e-14) - 1
+        assert widened == approx(-nu * 1e-6, abs=1e-10)
+    for wrong in (-1.0, -1.2):
+        with pytest.raises(ValueError, match=r"expected -1 < nu < 0\.5"):
+            NeoHookean(E, wrong)
+
+
 def test_slack_fibres_carry_no_compression():
     squeezed = np.diag([0.8, 1.0, 1.0])
     plain = NeoHookean(E, NU).response(squeezed)

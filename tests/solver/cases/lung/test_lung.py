@@ -255,6 +255,13 @@ def test_measures_of_known_displacements():
     assert by.thinnest == ratios[order][np.argmax(below >= 0.01)]
     assert by.thickest == ratios[order][np.argmax(below >= 0.99)]
     assert by.thickest > np.quantile(ratios, 0.95) > by.thinnest
+    # Sheared: volume over the area of the layer, whose tangents become A t.
+    A = np.eye(3) + np.array([[0.1, 0.6, 0.0], [0.0, -0.2, 0.0], [0.3, 0.0, 0.0]])
+    ratios, _, _ = thickness(body, body.nodes @ (A - np.eye(3)).T)
+    N = unit(body.points()[body.cells_of("epithelium")]).reshape(-1, 3)
+    one = unit(np.cross(N, [0.6, 0.48, 0.64]))
+    area = np.linalg.norm(np.cross(one @ A.T, np.cross(N, one) @ A.T), axis=1)
+    np.testing.assert_allclose(ratios, np.linalg.det(A) / area, rtol=1e-9)
     # A bump over the hexagon alone is the hexagon's and the whole's depth, not the pentagon's.
     bump = np.clip(1 - np.arccos(np.clip(unit(body.nodes)[:, 2], -1, 1)) / 0.2, 0, None)
     bumped = measure(body, LUNG, 0.1 * bump[:, None] * unit(body.nodes))
