@@ -124,7 +124,7 @@ def test_without_a_space_columns_in_another_order_are_refused(model):
         model._read(X, None, reset=True)
         call = partial(model._read, y=None, reset=False)
     else:
-        limits = {"constraints": Constraints(seconds=0.3)}
+        limits = {"constraints": Constraints(seconds=60, generations=2, population=20)}
         model.set_params(**limits if "constraints" in model.get_params() else {})
         model.fit(X, np.arange(1, 41))
         call = model.predict if hasattr(model, "predict") else model.transform
