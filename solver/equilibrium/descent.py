@@ -15,17 +15,9 @@ from dataclasses import replace
 import numpy as np
 
 from solver.equilibrium.linear import Factor, SingularMatrix
-from solver.equilibrium.newton import (
-    NewtonResult,
-    Outcome,
-    Step,
-    checked,
-    chords,
-    downhill,
-    largest,
-    newton,
-    roundoff,
-)
+from solver.equilibrium.linesearch import Step, chords, downhill, largest
+from solver.equilibrium.newton import NewtonResult, checked, newton, roundoff
+from solver.equilibrium.outcome import Outcome
 from solver.equilibrium.scene import Scene, System
 
 _DIRECT = 25  # factorisations before the body flows
@@ -181,16 +173,17 @@ class _Drag:
 
     def __init__(self, scene: Scene, anchor: np.ndarray, drag: float):
         self._scene, self._anchor, self._drag = scene, anchor, drag
-        self.size, self.n_free, self.scales = scene.size, scene.n_free, scene.scales
-        self.longest_step, self.moved = scene.longest_step, scene.moved
+
+    def __getattr__(self, name):
+        return getattr(self._scene, name)
 
     def _pull(self, x):
-        d = np.zeros(self.size)
-        d[: self.n_free] = x[: self.n_free] - self._anchor[: self.n_free]
+        n, d = self._scene.n_free, np.zeros(self._scene.size)
+        d[:n] = x[:n] - self._anchor[:n]
         return 0.5 * self._drag * float(d @ d), self._drag * d
 
-    def system(self, x, e):
-        system = self._scene.system(x, e)
+    def system(self, x, e, stresses=None):
+        system = self._scene.system(x, e, stresses)
         if system is None:
             return None
         energy, force = self._pull(x)

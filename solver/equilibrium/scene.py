@@ -13,6 +13,7 @@ Continuation sees x, e and R, and never learns what e drives.
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 
 import numpy as np
@@ -279,7 +280,7 @@ class Scene:
                 blocks += part.stiffness
             else:
                 blocks[where] += part.stiffness  # each block stands once
-        return Evaluation(energy, force, blocks)
+        return Evaluation(energy, force, blocks, own)
 
     def _tried(self, u: np.ndarray, e: float, order: int) -> Evaluation:
         """The sum of the terms at a state that an iteration tries, which may make no sense."""
@@ -304,14 +305,38 @@ class Scene:
         part = self._tried(u, e, 1)
         return None if part.force is None else (part.energy, self._residual(part.force, u, x, e))
 
-    def system(self, x: np.ndarray, e: float) -> System | None:
-        """Residual and tangent; None where the state is not admissible."""
+    def system(self, x: np.ndarray, e: float, stresses: Sequence | None = None) -> System | None:
+        """Residual and tangent; None where the state is not admissible.
+
+        ``stresses``: of each term, as :meth:`extrapolated` gives them; the tangent is then that of
+        a body under those instead of its own.
+        """
         u = self.displacement(x, e)
         part = self._tried(u, e, 2)
         if part.force is None:
             return None
         R = self._residual(part.force, u, x, e)
-        return System(self, R, self.frame.pattern.gather(part.stiffness), part.energy)
+        blocks = part.stiffness
+        if stresses is not None:
+            blocks = blocks if part.own else blocks.copy()
+            for term, where, stress in zip(self.terms, self._where, stresses, strict=True):
+                if stress is not None:
+                    # Each block stands once.
+                    blocks[slice(None) if where is None else where] += term.under(stress, u, e)
+        return System(self, R, self.frame.pattern.gather(blocks), part.energy)
+
+    def extrapolated(self, x: np.ndarray, dx: np.ndarray, e: float) -> list[np.ndarray | None]:
+        """Of each term the stresses that a step dx from x would lead to if they grew in proportion
+        to it; None for terms without, and where x or the load is not admissible."""
+        u, du = self.displacement(x, e), self.step_displacement(dx)
+        stresses = []
+        for term in self.terms:
+            stress = None
+            if hasattr(term, "extrapolated"):
+                with suppress(Unphysical):
+                    stress = term.extrapolated(u, du, e)
+            stresses.append(stress)
+        return stresses
 
     def system_of(self, stiffness: np.ndarray) -> System:
         """A tangent given by its blocks on this scene's graph, such as that of a state which these

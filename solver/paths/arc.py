@@ -16,8 +16,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from solver.equilibrium.at_load import Linear
 from solver.equilibrium.linear import Factor, SingularMatrix
-from solver.equilibrium.newton import Linear, NewtonResult, damped, iterate, largest
+from solver.equilibrium.linesearch import damped, largest
+from solver.equilibrium.newton import NewtonResult, iterate
 from solver.equilibrium.scene import Scene, System
 from solver.paths.point import Metric, Point
 

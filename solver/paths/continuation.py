@@ -15,7 +15,8 @@ from itertools import pairwise
 import numpy as np
 from scipy.optimize import brentq
 
-from solver.equilibrium.newton import Outcome, checked, newton
+from solver.equilibrium.newton import checked, newton
+from solver.equilibrium.outcome import Outcome
 from solver.equilibrium.scene import Scene
 from solver.given import number, numbers, whole
 from solver.paths.arc import NotFollowed, between, tangent

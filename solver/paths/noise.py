@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from solver.equilibrium.linear import SingularMatrix
-from solver.equilibrium.newton import largest
+from solver.equilibrium.linesearch import largest
 from solver.equilibrium.scene import Scene
 from solver.given import number, whole
 from solver.paths.point import Point

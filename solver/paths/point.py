@@ -8,7 +8,7 @@ from functools import cached_property
 
 import numpy as np
 
-from solver.equilibrium.newton import Outcome
+from solver.equilibrium.outcome import Outcome
 from solver.equilibrium.scene import Scene
 
 

@@ -6,7 +6,8 @@ growth that turns a body inside out, or a part that nothing holds any more.
 
 from __future__ import annotations
 
-from solver.equilibrium.newton import NewtonResult, Outcome
+from solver.equilibrium.newton import NewtonResult
+from solver.equilibrium.outcome import Outcome
 from solver.equilibrium.scene import Scene
 from solver.paths.point import Ended
 

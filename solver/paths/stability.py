@@ -15,7 +15,8 @@ from scipy.optimize import brentq
 
 from solver.equilibrium.descent import critical_mode
 from solver.equilibrium.linear import SingularMatrix
-from solver.equilibrium.newton import Outcome, largest
+from solver.equilibrium.linesearch import largest
+from solver.equilibrium.outcome import Outcome
 from solver.equilibrium.scene import Scene
 from solver.paths.arc import NotFollowed, Plane, between, correct, tangent
 from solver.paths.point import Point, displacement_size

@@ -7,7 +7,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from solver.equilibrium.descent import descend
-from solver.equilibrium.newton import NewtonResult, Outcome, largest
+from solver.equilibrium.linesearch import largest
+from solver.equilibrium.newton import NewtonResult
+from solver.equilibrium.outcome import Outcome
 from solver.equilibrium.scene import Scene
 from solver.given import one_of, positive, whole
 from solver.paths.point import Ended, Point

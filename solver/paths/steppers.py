@@ -15,7 +15,9 @@ import numpy as np
 
 from solver.equilibrium.descent import descend
 from solver.equilibrium.linear import Factor
-from solver.equilibrium.newton import NewtonResult, Outcome, largest, newton
+from solver.equilibrium.linesearch import largest
+from solver.equilibrium.newton import NewtonResult, newton
+from solver.equilibrium.outcome import Outcome
 from solver.equilibrium.scene import Scene
 from solver.given import number, one_of, positive, whole
 from solver.paths.arc import Ellipsoid, correct, tangent

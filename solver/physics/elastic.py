@@ -18,9 +18,11 @@ from solver.physics.growth import Growth
 from solver.physics.kernels import (
     SMALL,
     add_force,
+    add_geometric,
     add_stiffness_large,
     add_stiffness_small,
     deform,
+    extrapolate,
     total,
 )
 from solver.physics.materials import Material
@@ -103,27 +105,38 @@ class Elastic:
             memo = self._memo = (e, table, inverse, J)
         return memo[1:]
 
-    def evaluate(self, u: np.ndarray, e: float, order: int = 2) -> Evaluation:
-        """Energy, force (n, 3) and stiffness blocks on the body's graph; u (n, 3)."""
-        body = self.body
-        table, inverse, J = self._at(e)
+    def _chunks(self, u: np.ndarray, e: float, order: int):
+        """Of a few hundred points at a time: where they stand among the term's cells, the cells,
+        ĝ, Fe, ψ, P and A, in arrays that the next chunk overwrites. None, and no more, where the
+        material doesn't admit the state."""
+        body, (table, inverse, _) = self.body, self._at(e)
         u = np.ascontiguousarray(u, dtype=float)
         q, k = body.gradients.shape[1:3]
         step = max(1, CHUNK // q)
         G, F = np.empty((step, q, 3, k)), np.empty((step, q, 3, 3))
         psi, P = np.empty((step, q)), np.empty((step, q, 3, 3))
         A = np.empty((step if order >= 2 else 1, q, 3, 3, 3, 3))
+        for start in range(0, len(self._ids), step):
+            at = slice(start, start + step)
+            ids = self._ids[at]
+            part = table if len(table) == 1 else table[ids]
+            deform(ids, body.cells, body.gradients, u, inverse, G, F)
+            if not self.material.kernel(F[: len(ids)], part, order, psi, P, A):
+                yield None
+                return
+            yield at, ids, G, F, psi, P, A
+
+    def evaluate(self, u: np.ndarray, e: float, order: int = 2) -> Evaluation:
+        """Energy, force (n, 3) and stiffness blocks on the body's graph; u (n, 3)."""
+        body, J = self.body, self._at(e)[2]
         force = np.zeros_like(body.nodes) if order >= 1 else None
         blocks = np.zeros((self.graph.blocks, 3, 3)) if order >= 2 else None
         add_stiffness = add_stiffness_small if self._small else add_stiffness_large
         energy = 0.0
-        for start in range(0, len(self._ids), step):
-            ids = self._ids[start : start + step]
-            part = table if len(table) == 1 else table[ids]
-            c = len(ids)
-            deform(ids, body.cells, body.gradients, u, inverse, G, F)
-            if not self.material.kernel(F[:c], part, order, psi, P, A):
+        for chunk in self._chunks(u, e, order):
+            if chunk is None:
                 return Evaluation(np.inf)
+            _, ids, G, _, psi, P, A = chunk
             energy += total(ids, body.weights, J, psi)
             if order >= 1:
                 add_force(ids, body.cells, body.weights, J, G, P, force)
@@ -132,3 +145,27 @@ class Elastic:
         if not np.isfinite(energy):
             return Evaluation(np.inf)
         return Evaluation(energy, force, blocks, own=True)
+
+    def extrapolated(self, u: np.ndarray, du: np.ndarray, e: float) -> np.ndarray | None:
+        """Stresses Fe⁻¹P (cells, points, 3, 3) that a step du (n, 3) from u would lead to if they
+        grew in proportion; None where the material does not admit u."""
+        du = np.ascontiguousarray(du, dtype=float)
+        out = np.empty((len(self._ids), self.body.weights.shape[1], 3, 3))
+        for chunk in self._chunks(u, e, 2):
+            if chunk is None:
+                return None
+            at, ids, G, F, _, P, A = chunk
+            extrapolate(ids, self.body.cells, du, G, F, P, A, out[at])
+        return out
+
+    def under(self, stress: np.ndarray, u: np.ndarray, e: float) -> np.ndarray | None:
+        """What the stiffness at u would have more, as blocks, if stresses (cells, points, 3, 3) as
+        :meth:`extrapolated` gives them were the state's own; None where u is not admitted."""
+        body, J = self.body, self._at(e)[2]
+        blocks = np.zeros((self.graph.blocks, 3, 3))
+        for chunk in self._chunks(u, e, 1):
+            if chunk is None:
+                return None
+            at, ids, G, F, _, P, _ = chunk
+            add_geometric(ids, body.positions, body.weights, J, G, F, P, stress[at], blocks)
+        return blocks

@@ -129,11 +129,29 @@ class Ground:
             np.add.at(out, self._where, stiffness[k:, None, None] * weights[..., None, None])
         return out
 
+    @property
+    def range(self) -> float:
+        """How far above the floor the barrier acts."""
+        return self._range
+
+    def distances(self, u: np.ndarray) -> np.ndarray:
+        """Distance of each contact point from the floor, (points,)."""
+        return self._heights(self.body.nodes[:, self.axis] + u[:, self.axis]) - self._floor
+
+    def approach(self, du: np.ndarray) -> np.ndarray:
+        """Change of the distances, (points,), with a displacement (n, 3)."""
+        return self._heights(du[:, self.axis])
+
+    def push(self, point: int) -> np.ndarray:
+        """A unit force away from the floor at a contact point, as forces on the nodes (n, 3)."""
+        forces = np.zeros((len(self._area), 3))
+        forces[point, self.axis] = 1.0
+        return self.spread(forces)
+
     def longest_step(self, u: np.ndarray, du: np.ndarray) -> float:
         """Fraction of du (n, 3), at most 1, that brings no point nearer to the floor than a tenth
         of its distance."""
-        s = self._heights(self.body.nodes[:, self.axis] + u[:, self.axis]) - self._floor
-        ds = self._heights(du[:, self.axis])
+        s, ds = self.distances(u), self.approach(du)
         down = ds < 0
         if not down.any():
             return 1.0

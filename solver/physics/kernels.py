@@ -160,3 +160,82 @@ def add_stiffness_large(ids, positions, weights, volume, G, A, blocks):
                 block[2, 0] += K[2, b, a]
                 block[2, 1] += K[4, b, a]
                 block[2, 2] += K[5, a, b]
+
+
+@numba.njit(cache=True)
+def _stress(F, P, S):
+    """S = Fe⁻¹ P into S (3, 3)."""
+    c00 = F[1, 1] * F[2, 2] - F[1, 2] * F[2, 1]
+    c10 = F[1, 2] * F[2, 0] - F[1, 0] * F[2, 2]
+    c20 = F[1, 0] * F[2, 1] - F[1, 1] * F[2, 0]
+    r = 1.0 / (F[0, 0] * c00 + F[0, 1] * c10 + F[0, 2] * c20)
+    c01 = F[0, 2] * F[2, 1] - F[0, 1] * F[2, 2]
+    c11 = F[0, 0] * F[2, 2] - F[0, 2] * F[2, 0]
+    c21 = F[0, 1] * F[2, 0] - F[0, 0] * F[2, 1]
+    c02 = F[0, 1] * F[1, 2] - F[0, 2] * F[1, 1]
+    c12 = F[0, 2] * F[1, 0] - F[0, 0] * F[1, 2]
+    c22 = F[0, 0] * F[1, 1] - F[0, 1] * F[1, 0]
+    for j in range(3):
+        x, y, z = r * P[0, j], r * P[1, j], r * P[2, j]
+        S[0, j] = c00 * x + c01 * y + c02 * z
+        S[1, j] = c10 * x + c11 * y + c12 * z
+        S[2, j] = c20 * x + c21 * y + c22 * z
+
+
+@numba.njit(cache=True)
+def extrapolate(ids, cells, du, G, F, P, A, S):
+    """S + ∂S/∂F : dF into S (c, q, 3, 3), S = Fe⁻¹ P the second stress, dF = Σ du_a ⊗ ĝ_a."""
+    q_n, k = G.shape[1], G.shape[3]
+    dF, dP = np.empty((3, 3)), np.empty((3, 3))
+    dS = np.empty((3, 3))
+    for c in range(len(ids)):
+        e = ids[c]
+        for q in range(q_n):
+            dF[:] = 0.0
+            for a in range(k):
+                node = cells[e, a]
+                for i in range(3):
+                    for j in range(3):
+                        dF[i, j] += du[node, i] * G[c, q, j, a]
+            _stress(F[c, q], P[c, q], S[c, q])
+            for i in range(3):
+                for j in range(3):
+                    p = 0.0
+                    for m in range(3):
+                        for n in range(3):
+                            p += A[c, q, i, j, m, n] * dF[m, n]
+                        p -= dF[i, m] * S[c, q, m, j]
+                    dP[i, j] = p
+            _stress(F[c, q], dP, dS)
+            S[c, q] += dS
+
+
+@numba.njit(cache=True)
+def add_geometric(ids, positions, weights, volume, G, F, P, S, blocks):
+    """Adds Σ w Jg ĝ_a · (S − Fe⁻¹ P) ĝ_b 1: what the stiffness has more under the stress S."""
+    q_n, k = G.shape[1], G.shape[3]
+    grown, per_cell, per_point = len(volume) > 0, len(volume) > 1, volume.shape[1] > 1
+    M, K, D = np.empty((3 * q_n, k)), np.empty((k, k)), np.empty((3, 3))
+    for c in range(len(ids)):
+        e = ids[c]
+        for q in range(q_n):
+            w = weights[e, q]
+            if grown:
+                w *= volume[e if per_cell else 0, q if per_point else 0]
+            _stress(F[c, q], P[c, q], D)
+            g = G[c, q]
+            for j in range(3):
+                x = w * (S[c, q, j, 0] - D[j, 0])
+                y = w * (S[c, q, j, 1] - D[j, 1])
+                z = w * (S[c, q, j, 2] - D[j, 2])
+                row = M[3 * q + j]
+                for b in range(k):
+                    row[b] = x * g[0, b] + y * g[1, b] + z * g[2, b]
+        np.dot(G[c].reshape(3 * q_n, k).T, M, K)
+        for a in range(k):
+            for b in range(k):
+                block = blocks[positions[e, a, b]]
+                both = (K[a, b] + K[b, a]) / 2
+                block[0, 0] += both
+                block[1, 1] += both
+                block[2, 2] += both

@@ -32,7 +32,9 @@ class Term(Protocol):
     ``graph``: where its stiffness blocks stand (None: it has none). ``symmetric``: whether its
     stiffness is. ``evaluate(u, e, order)``: order 0 asks for the energy, 1 for energy and force, 2
     for the stiffness too. A barrier may also have ``longest_step(u, du) -> float``, the part of du
-    that stays admissible.
+    that stays admissible, and what :func:`solver.equilibrium.barriers.around` asks of it. A term
+    with stresses may have ``extrapolated`` and ``under``, as in
+    :class:`solver.physics.elastic.Elastic`.
     """
 
     name: str

@@ -18,7 +18,8 @@ from pathlib import Path
 
 import numpy as np
 
-from solver.equilibrium.newton import Outcome, newton
+from solver.equilibrium.newton import newton
+from solver.equilibrium.outcome import Outcome
 from solver.equilibrium.scene import Scene
 from solver.given import number, one_of, positive, whole
 from solver.viscous.term import Memory, Past, over_step, viscous

@@ -10,7 +10,7 @@ from path_toys import truss, truss_load
 from reference_scenes import AXES, held, modulus, near
 from reference_structures import arch
 
-from solver.equilibrium.newton import Outcome
+from solver.equilibrium.outcome import Outcome
 from solver.equilibrium.scene import Scene
 from solver.mesh.body import Body
 from solver.mesh.structured import box

@@ -7,7 +7,8 @@ from hard_scenes import half_strip
 from reference_scenes import AXES, MidLine, held, modulus, near, strip
 
 from solver.equilibrium.descent import descend
-from solver.equilibrium.newton import Outcome, newton
+from solver.equilibrium.newton import newton
+from solver.equilibrium.outcome import Outcome
 from solver.equilibrium.scene import Scene
 from solver.mesh.body import Body
 from solver.mesh.quality import quality

@@ -10,7 +10,8 @@ from reference_scenes import AXES, held, near
 from reference_structures import arch
 
 from solver.equilibrium.descent import descend
-from solver.equilibrium.newton import Outcome, newton
+from solver.equilibrium.newton import newton
+from solver.equilibrium.outcome import Outcome
 from solver.equilibrium.scene import Scene
 from solver.mesh.body import Body
 from solver.mesh.structured import box

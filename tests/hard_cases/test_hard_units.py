@@ -13,7 +13,7 @@ from solver.cases.unit.choices import Meshing, Physics, Supports
 from solver.cases.unit.model import build, images
 from solver.cases.unit.path import Ending, fold
 from solver.equilibrium.clock import OutOfTime
-from solver.equilibrium.newton import Outcome
+from solver.equilibrium.outcome import Outcome
 from solver.equilibrium.scene import Scene
 from solver.mesh.body import Body
 from solver.mesh.structured import box

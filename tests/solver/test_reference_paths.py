@@ -9,7 +9,8 @@ import reference_structures as case
 from reference_scenes import MidLine, cantilever, walked
 from scipy.interpolate import CubicHermiteSpline
 
-from solver.equilibrium.newton import Outcome, newton
+from solver.equilibrium.newton import newton
+from solver.equilibrium.outcome import Outcome
 from solver.equilibrium.reactions import reaction
 from solver.paths.continuation import trace
 from solver.paths.stability import switch

@@ -7,7 +7,8 @@ import pytest
 from path_toys import function_scene
 
 from solver.equilibrium.linear import Pardiso, SingularMatrix, make_solver, mkl_pardiso
-from solver.equilibrium.newton import Outcome, newton
+from solver.equilibrium.newton import newton
+from solver.equilibrium.outcome import Outcome
 from solver.equilibrium.scene import Scene
 from solver.mesh.body import Body
 from solver.mesh.structured import box

@@ -6,7 +6,9 @@ from path_toys import carousel, function_scene, truss
 
 from solver.equilibrium.descent import descend
 from solver.equilibrium.linear import make_solver
-from solver.equilibrium.newton import Outcome, Stagnation, Step, damped, downhill, newton
+from solver.equilibrium.linesearch import Step, damped, downhill
+from solver.equilibrium.newton import Stagnation, newton
+from solver.equilibrium.outcome import Outcome
 from solver.equilibrium.scene import Scene
 from solver.mesh.body import Body
 from solver.mesh.structured import box

@@ -8,7 +8,8 @@ import pytest
 from path_toys import column, function_scene, truss
 from reference_scenes import AXES, MidLine, cantilever, near
 
-from solver.equilibrium.newton import Outcome, newton
+from solver.equilibrium.newton import newton
+from solver.equilibrium.outcome import Outcome
 from solver.equilibrium.scene import Scene
 from solver.mesh.body import Body, NodeGraph
 from solver.mesh.structured import box

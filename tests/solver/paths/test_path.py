@@ -17,7 +17,7 @@ from path_toys import (
     truss_on_spring,
 )
 
-from solver.equilibrium.newton import Outcome
+from solver.equilibrium.outcome import Outcome
 from solver.equilibrium.scene import Scene, System
 from solver.mesh.body import Body
 from solver.paths.arc import between

@@ -14,7 +14,8 @@ from path_toys import (
 )
 
 from solver.equilibrium.descent import critical_mode
-from solver.equilibrium.newton import Outcome, newton
+from solver.equilibrium.newton import newton
+from solver.equilibrium.outcome import Outcome
 from solver.equilibrium.scene import Scene
 from solver.mesh.body import Body
 from solver.paths.continuation import load, trace

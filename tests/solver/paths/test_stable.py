@@ -8,7 +8,7 @@ import pytest
 from path_toys import column, function_scene, truss, truss_load
 
 from solver.equilibrium.descent import descend
-from solver.equilibrium.newton import Outcome
+from solver.equilibrium.outcome import Outcome
 from solver.paths.continuation import follow, load, trace
 from solver.paths.stable import StableSteps
 from solver.paths.steppers import LoadSteps

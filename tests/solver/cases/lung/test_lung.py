@@ -17,7 +17,8 @@ from solver.cases.lung.measures import Section, measure, radial, section, thickn
 from solver.cases.lung.mesh import Counts, hexahedra, tetrahedra
 from solver.cases.lung.model import REST, State, Tissue, inner_stretch, run, scene, to_limit
 from solver.cases.lung.stability import Classes, spread, total
-from solver.equilibrium.newton import Outcome, newton
+from solver.equilibrium.newton import newton
+from solver.equilibrium.outcome import Outcome
 from solver.mesh.body import Body
 from solver.paths.continuation import trace
 from solver.paths.steppers import ArcLength

@@ -10,7 +10,7 @@ from viscous_references import TREES, kelvin_voigt_path, sls_path
 
 import solver.viscous.evolution as evolution
 from solver.cases.tissue import creep
-from solver.equilibrium.newton import Outcome
+from solver.equilibrium.outcome import Outcome
 from solver.equilibrium.reactions import reaction
 from solver.equilibrium.scene import Scene
 from solver.mesh.body import Body

@@ -16,7 +16,7 @@ from solver.cases.unit.path import Ending, carried, fold, refined
 from solver.cases.unit.symmetry import Check, Symmetries
 from solver.cases.unit.unit import EFFECTS, Unit
 from solver.equilibrium import clock
-from solver.equilibrium.newton import Outcome
+from solver.equilibrium.outcome import Outcome
 from solver.paths.continuation import trace
 from solver.paths.point import Ended
 from solver.paths.stable import StableSteps
