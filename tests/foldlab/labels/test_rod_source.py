@@ -72,6 +72,16 @@ def test_what_is_near_its_threshold_is_unknown():
     assert near.evidence["outcome"] == "unresolved" and "needed, and the rod's error" in near.reason
 
 
+def test_the_rod_is_unsure_within_its_error_on_either_side_of_the_threshold():
+    design = LIGHT | {"stiffness_to_weight": 100.0, "hinge_length": 0.04}
+    seen = labelled(design).evidence
+    error = seen["error_estimate"] * np.pi * design["contraction"]
+    verdicts = [
+        labelled(design, need=seen["m1"] + off * error).foldable for off in (-1.5, -0.5, 0.5, 1.5)
+    ]
+    assert verdicts == [True, None, None, False]
+
+
 @pytest.mark.parametrize(
     "settings, message",
     [

@@ -242,3 +242,13 @@ def test_a_part_that_nothing_holds_is_named():
     far = body.nodes_where(lambda x: x[:, 0] > 4 - 1e-9)
     both = scene(body, clamp + [Fixed(far, d) for d in (X, Y, Z)])
     both.refuse_free_motion(np.zeros(both.size), 0.0)
+
+
+def test_a_motion_that_compression_makes_unstable_is_not_called_free(body):
+    edge = body.nodes_where(lambda P: (P[:, 0] < 1e-9) & (P[:, 2] < 1e-9))
+    hinged = scene(body, [Fixed(edge, d) for d in (X, Y, Z)])
+    with pytest.raises(ValueError, match="1 of the body's rigid motions meet no resistance"):
+        hinged.refuse_free_motion(np.zeros(hinged.size), 0.0)
+    for stretch in (0.1, -0.1):
+        strained = hinged.unknowns(stretch * body.nodes * X)
+        hinged.refuse_free_motion(strained, 0.0)
