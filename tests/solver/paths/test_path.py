@@ -20,6 +20,7 @@ from path_toys import (
 from solver.equilibrium.outcome import Outcome
 from solver.equilibrium.scene import Scene, System
 from solver.mesh.body import Body
+from solver.paths import arc
 from solver.paths.arc import between
 from solver.paths.continuation import follow, load, trace
 from solver.paths.point import Metric
@@ -281,6 +282,41 @@ def test_a_point_between_two_lies_near_the_way_between_them(height, follows):
     assert (made is not None) is follows
     if follows:
         assert made[0].x[0] == pytest.approx(height)
+
+
+@pytest.mark.parametrize("fraction", [0.3, 0.8])
+def test_the_second_guess_between_two_points_lies_at_the_fraction_too(fraction, monkeypatch):
+    scene, right, tried = truss(), arc.correct, []
+
+    def correct(scene, z, plane, **options):
+        tried.append(z)
+        result = right(scene, z, plane, **options)
+        return result if len(tried) > 1 else replace(result, outcome=Outcome.NOT_CONVERGED)
+
+    path = trace(scene, rest(scene), TRUSS_ARC, until=load(1e-4), max_steps=9, events=False)
+    before, after = path.points[1:3]
+    monkeypatch.setattr(arc, "correct", correct)
+    point, _ = between(scene, before, after, fraction, rtol=1e-10)
+    assert truss_load(-point.x[0]) == pytest.approx(point.e, abs=1e-13)
+    line, across = after.z - before.z, after.metric.row(after.z - before.z)
+    assert len(tried) == 2
+    for z in (tried[1], point.z):
+        assert across @ (z - before.z) == pytest.approx(fraction * across @ line, rel=1e-9)
+
+
+def test_the_work_of_refused_load_steps_is_counted(monkeypatch):
+    scene, steps, right, spent = truss(), LoadSteps(1e-10, 4e-5), LoadSteps._solve, []
+
+    def solve(*given):
+        result = right(*given)
+        spent.append(result.iterations)
+        return result if len(spent) > 2 else replace(result, outcome=Outcome.NOT_CONVERGED)
+
+    point = steps.begin(scene, rest(scene), 0.0, 1.0)
+    monkeypatch.setattr(LoadSteps, "_solve", solve)
+    after = steps.advance(scene, point, None)
+    assert len(spent) == 3
+    assert after.iterations == sum(spent) > spent[-1]
 
 
 def test_growth_of_the_step_and_algorithm_3():

@@ -22,7 +22,7 @@ from solver.paths.continuation import load, trace
 from solver.paths.noise import Noise
 from solver.paths.stability import switch
 from solver.paths.stable import StableSteps
-from solver.paths.steppers import ArcLength, LoadSteps
+from solver.paths.steppers import ArcLength, LoadSteps, turned
 from solver.physics.elastic import Elastic
 from solver.physics.materials import NeoHookean
 from solver.physics.supports import rotation_row, translation_row
@@ -67,6 +67,16 @@ def test_pitchfork_located_counted_and_switched(stepper):
             assert p.unstable == 0
     with pytest.raises(ValueError, match="no second path"):
         switch(scene, replace(event, kind="fold"), path.last, rtol=1e-9)
+
+
+@pytest.mark.parametrize("stepper", [LoadSteps(1e-11, 0.15), ArcLength(1e-11, a=0.05, b=0.15)])
+def test_a_branch_point_is_located_where_stability_returns_too(stepper):
+    scene = column(1.0)
+    beyond = trace(scene, rest(scene), stepper, until=load(1.4), max_steps=50).last
+    back = trace(scene, turned(beyond), stepper, until=load(0.5), max_steps=50)
+    assert back.reached and kinds(back) == ["branch"]
+    assert back.events[0].e == pytest.approx(1.0, abs=1e-9)
+    assert back.events[0].unstable == (1, 0)
 
 
 @pytest.mark.parametrize("gap", [1e-2, 1e-3])

@@ -9,9 +9,11 @@ from path_toys import column, function_scene, truss, truss_load
 
 from solver.equilibrium.descent import descend
 from solver.equilibrium.outcome import Outcome
+from solver.paths import stable
 from solver.paths.continuation import follow, load, trace
+from solver.paths.point import Ended
 from solver.paths.stable import StableSteps
-from solver.paths.steppers import LoadSteps
+from solver.paths.steppers import ArcLength, LoadSteps
 
 LIMIT = 1.905435952e-4  # references.md §6: von Mises truss, P/2EA at H/a = 0.1
 
@@ -74,6 +76,15 @@ def test_a_step_that_fails_is_cut_once_before_the_arc_is_followed(monkeypatch):
     monkeypatch.setattr(LoadSteps, "_solve", solve)
     stepper.advance(scene, point, 1e-3)
     assert tried == pytest.approx([4e-5, 4e-6])
+
+
+def test_a_fall_of_which_no_event_was_located_is_a_snap(monkeypatch):
+    monkeypatch.setattr(ArcLength, "advance", lambda *_: Ended(Outcome.MIN_STEP))
+    monkeypatch.setattr(stable, "locate", lambda *_, **__: ())
+    stepper = StableSteps(LoadSteps(1e-10, 4e-5, cut=4.0))
+    path = trace(truss(), np.zeros(1), stepper, until=load(4e-4), max_steps=60, events=False)
+    assert path.reached and -path.last.x[0] > 0.2
+    assert {event.kind for event in path.events} == {"snap"}
 
 
 def test_a_step_that_newton_could_not_take_is_no_snap():
