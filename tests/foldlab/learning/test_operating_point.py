@@ -85,6 +85,15 @@ def test_the_bound_holds_as_often_as_it_says():
     assert 3 <= broken <= 34
 
 
+def test_exactly_as_many_negatives_as_needed_are_enough():
+    n = negatives_needed(0.05)
+    X, y = column([*np.linspace(0, 0.5, n), 1]), np.array([False] * n + [True])
+    point = choose_threshold(Identity(), X, y, rate=0.05)
+    assert (point.negatives, point.false_positives, point.recall) == (n, 0, 1)
+    with pytest.raises(InputError, match=f"needs at least {n} of them"):
+        choose_threshold(Identity(), X[1:], y[1:], rate=0.05)
+
+
 def test_too_few_negatives_say_how_many_are_needed(network):
     X, y = labelled(500, 5)
     with pytest.raises(InputError, match=r"needs at least 2995 of them \(here about [78]\d\d\d"):

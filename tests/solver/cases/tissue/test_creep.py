@@ -277,6 +277,13 @@ def test_a_saved_state_continues_to_the_identical_path(tmp_path):
         State.load(other)
 
 
+def test_the_largest_step_is_a_fraction_of_the_first():
+    scene = creep.scene(creep.MODELS["SLS 10"].rheology(), 1e-2, 1e-2)
+    stepper = TimeSteps(1e-10, 0.02, tolerance=1e-4, largest=1.5)
+    steps = np.diff(followed(scene, stepper, until=0.9).times)
+    assert max(steps) == approx(0.03) and len(steps) > 20
+
+
 def test_second_order_needs_fewer_steps_and_errors_follow_the_tolerance():
     model, count, off = creep.MODELS["SLS 10"], {}, {}
     for order in (1, 2):

@@ -198,7 +198,7 @@ def test_a_path_near_a_limit_point_is_not_steady_though_it_never_jumped():
 def test_what_is_nearly_unstable_multiplies_the_error_of_what_the_weight_takes():
     bent = bend(replace(TABLE_4_1, stiffness_to_weight=0.1))
     errors = {}
-    for softness in (1.0, 0.5, 0.05, 0.0):
+    for softness in (1.2, 1.0, 0.5, 0.05, 0.0):
         states = bent.states.copy()
         states[:, kernel.SOFTNESS] = softness
         errors[softness] = replace(bent, states=states).error
@@ -208,6 +208,15 @@ def test_what_is_nearly_unstable_multiplies_the_error_of_what_the_weight_takes()
     assert errors[0.05] - errors[1.0] == pytest.approx(19 * taken)
     # At a limit point it stays finite.
     assert errors[0.0] - errors[1.0] == pytest.approx(99 * taken)
+    # What is stiffer than the hinge's bending takes nothing off.
+    assert errors[1.2] == errors[1.0]
+
+
+def test_the_discretisation_s_error_is_a_third_of_what_halving_the_intervals_changes():
+    bent = bend(replace(TABLE_4_1, stiffness_to_weight=0.1))
+    coarse = 2 * bent.states[-1, kernel.TIP_ANGLE]
+    assert bent.discretisation == pytest.approx(abs(bent.angle - coarse) / 3, rel=1e-9)
+    assert bent.discretisation > 1e-6
 
 
 def test_a_heavy_unit_with_a_soft_thick_layer_bends_as_the_solid_does():
