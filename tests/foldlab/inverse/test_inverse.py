@@ -203,6 +203,20 @@ def test_an_angle_from_a_regressor_is_that_of_the_regressor():
         assert p.angle == pytest.approx(1.5 * true, rel=1e-9)
 
 
+def test_a_regressor_of_the_full_space_gives_the_fold_angle_itself():
+    source = TimoshenkoSource(FULL)
+
+    class Regressor:
+        def predict(self, designs):
+            return source.evaluate(designs)["fold_angle"].to_numpy()
+
+    wish = Wish(space=FULL, want=Angle(1.0, 0.2), fixed={"contraction": 0.3})
+    answer = confirm(propose(wish, n=5, seed=0, angle_model=Regressor()), source)
+    assert answer.complete and answer.confirmed_fraction == 1.0
+    for p in answer.proposals:
+        assert p.angle == pytest.approx(p.label.evidence["fold_angle"], rel=1e-9)
+
+
 def test_confirmation_finds_a_classifier_out():
     answer = confirm(propose(Wish(), Soft(shift=3.0), 200, seed=0), SOURCE)
     folds = [SOURCE.label(p.groups).foldable for p in answer.proposals]

@@ -256,6 +256,10 @@ def test_measures_of_known_displacements():
     assert by.thinnest == ratios[order][np.argmax(below >= 0.01)]
     assert by.thickest == ratios[order][np.argmax(below >= 0.99)]
     assert by.thickest > np.quantile(ratios, 0.95) > by.thinnest
+    # Its variation is over the volume, whatever the sizes of the cells.
+    mean = np.average(ratios, weights=volumes)
+    deviation = np.sqrt(np.average(ratios**2, weights=volumes) - mean**2)
+    assert by.variation == pytest.approx(deviation / mean, rel=1e-9)
     # Sheared: volume over the area of the layer, whose tangents become A t.
     A = np.eye(3) + np.array([[0.1, 0.6, 0.0], [0.0, -0.2, 0.0], [0.3, 0.0, 0.0]])
     ratios, _, _ = thickness(body, body.nodes @ (A - np.eye(3)).T)

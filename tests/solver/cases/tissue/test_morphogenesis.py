@@ -50,6 +50,11 @@ def grown(model, ratio=5.0, n=10, **options):
     return path, scene.displacement(path.last.x, 1.0)
 
 
+def test_a_tissue_s_time_is_the_shortest_of_its_cells():
+    uneven = Tissue(E_m=np.array([5.0, 10.0, 5.0]), eta=np.array([1.0, 1.0, 4.0]))
+    assert uneven.tau == approx(0.1) and Tissue(eta=2.0).tau == approx(0.4)
+
+
 def elastic(model, material):
     scene = model.elastic(material)
     path = trace(scene, np.zeros(scene.size), LoadSteps(1e-8, 0.2), max_steps=50, events=False)
