@@ -181,6 +181,16 @@ def test_what_the_materials_leave_open():
     }, TABLE), SOURCE) is None  # fmt: skip
 
 
+def test_draws_near_the_threshold_count_too():
+    unit = sized(SIZES, TABLE, "PET", "SMP")
+    over = check.uncertainty(unit, SOURCE, 60)
+    middle = (over["angle_low"] + over["angle_high"]) / 2
+    near = replace(SOURCE, thresholds=Thresholds(need=middle))
+    again = check.uncertainty(unit, near, 60)
+    assert again["draws"] == over["draws"] and 0.1 < again["folds"] < 0.9
+    assert (again["angle_low"], again["angle_high"]) == (over["angle_low"], over["angle_high"])
+
+
 @pytest.mark.parametrize("told", [29, 31])
 def test_materials_leave_a_fraction_open_only_where_the_rod_knows_half_of_the_units(
     told, monkeypatch
