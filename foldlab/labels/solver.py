@@ -181,6 +181,7 @@ class SolverSource:
             levels=levels,
             coarse=coarse,
             before=before,
+            gone=self._gone(groups, run),
         )
         if refused and coarse:
             reason += "; no finer mesh confirmed it, and the error is that of other designs"
@@ -317,11 +318,21 @@ class SolverSource:
         kinds = {h.kind for h in run.folding.happenings}
         return screening.decided(design, run.history[-1], kinds, run.closed, self.thresholds)
 
+    @property
+    def _measured(self) -> bool:
+        """Whether labels are of the kind that rules of isotropic ones were measured on."""
+        plain = Conditions(growth="isotropic") == self.conditions and not self.patterned
+        asked = self.question == "from_flat" and self.seed is None
+        return plain and asked and self.changing == Changing()
+
+    def _gone(self, design: Mapping[str, float], run: Run) -> bool:
+        """Whether a path that has no end had curled for good."""
+        usual = self._measured and self.thresholds == Thresholds()
+        return usual and judging.beyond_return(run, design, self.thresholds)
+
     def _refused(self, design: Mapping[str, float], run: Run) -> bool:
         """Whether a path on the coarsest mesh is enough to say that a design doesn't fold."""
-        measured = Conditions(growth="isotropic") == self.conditions and not self.patterned
-        plain = self.question == "from_flat" and self.seed is None and self.changing == Changing()
-        if not (run.settled and measured and plain):
+        if not (run.settled and self._measured):
             return False
         return screening.refused(run.measures, design["contraction"], self.thresholds)
 

@@ -6,9 +6,12 @@ import numpy as np
 import pytest
 
 from foldlab.errors import InputError
+from foldlab.labels import screening
+from foldlab.labels.asked import Changing, Conditions
 from foldlab.labels.foldability import Thresholds
 from foldlab.labels.run import Run
-from foldlab.labels.verdict import FLOOR, Errors, difference, judge
+from foldlab.labels.solver import SolverSource
+from foldlab.labels.verdict import FLOOR, RETURN, Errors, beyond_return, difference, judge
 from solver.cases.unit.path import Ending, Happening
 
 LIMITS = Thresholds()
@@ -38,11 +41,11 @@ def a_run(
     return Run(folding, [row] if states else [], closed, [])
 
 
-def judged(run, error, *, limits=LIMITS, before=None, **changed):
+def judged(run, error, *, limits=LIMITS, before=None, gone=False, **changed):
     design = DESIGN | changed
     errors = Errors(error, error) if isinstance(error, float) else error
     foldable, reason, evidence = judge(
-        design, run, errors, limits, accuracy=0.02, levels=2, coarse=False, before=before
+        design, run, errors, limits, accuracy=0.02, levels=2, coarse=False, before=before, gone=gone
     )
     return foldable, evidence["outcome"], reason
 
@@ -246,3 +249,44 @@ def test_events_of_a_release_are_dated_by_the_release():
         DESIGN, before, Errors(0.01, 0.01), LIMITS, accuracy=0.02, levels=2, coarse=False
     )
     assert evidence["events"] == [{"kind": "snap", "contraction": pytest.approx(0.12)}]
+
+
+def test_what_curled_beyond_return_is_no_fold_though_its_path_has_no_end():
+    curled = a_run(m1=2.0, m2=2.5, ending=Ending.TIMEOUT)
+    foldable, outcome, reason = judged(curled, None, gone=True)
+    assert (foldable, outcome) == (False, "curled")
+    times = 2.5 / (ALPHA / 2)
+    assert f"2.5 rad at 30 % contraction, {times:.1f} times" in reason
+    assert Ending.TIMEOUT.value in reason
+    assert judged(curled, None)[:2] == (None, "timeout")
+    # A path that came to its end says what it is by itself.
+    assert judged(a_run(m1=2.0), 0.001, gone=True)[:2] == (True, "folds")
+
+
+def test_no_return_is_told_of_paths_without_an_end_and_beyond_what_the_mesh_is_off():
+    bound = RETURN * ALPHA / 2 + screening.ISOTROPIC_ERRORS[1] * ALPHA
+    for m2, ending, beyond in (
+        (1.01 * bound, Ending.TIMEOUT, True),
+        (1.01 * bound, Ending.LOST, True),
+        (0.99 * bound, Ending.TIMEOUT, False),
+        (1.01 * bound, Ending.REACHED, False),
+    ):
+        assert beyond_return(a_run(m1=0.1, m2=m2, ending=ending), DESIGN, LIMITS) is beyond
+    assert not beyond_return(a_run(ending=Ending.NO_REST, states=False), DESIGN, LIMITS)
+
+
+@pytest.mark.parametrize(
+    "changed, gone",
+    [
+        ({}, True),
+        ({"conditions": Conditions()}, False),
+        ({"conditions": Conditions(growth="isotropic", strips=4)}, False),
+        ({"thresholds": Thresholds(need=1.0)}, False),
+        ({"question": "exists"}, False),
+        ({"seed": 0}, False),
+        ({"changing": Changing(active_stiffness=0.5)}, False),
+    ],
+)
+def test_no_return_is_told_of_labels_that_it_was_measured_on(changed, gone):
+    source = SolverSource(**({"conditions": Conditions(growth="isotropic")} | changed))
+    assert source._gone(DESIGN, a_run(m1=0.1, m2=3.0, ending=Ending.TIMEOUT)) is gone
