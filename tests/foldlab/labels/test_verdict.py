@@ -257,6 +257,7 @@ def test_what_curled_beyond_return_is_no_fold_though_its_path_has_no_end():
     assert (foldable, outcome) == (False, "curled")
     times = 2.5 / (ALPHA / 2)
     assert f"2.5 rad at 30 % contraction, {times:.1f} times" in reason
+    assert "none of 47 measured paths came back" in reason
     assert Ending.TIMEOUT.value in reason
     assert judged(curled, None)[:2] == (None, "timeout")
     # A path that came to its end says what it is by itself.
