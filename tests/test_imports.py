@@ -52,9 +52,11 @@ MAY = {
     "foldlab.maps": {"foldlab.labels", "foldlab.learning", "foldlab.plots"},
     "foldlab.inverse": {"foldlab.labels", "foldlab.learning"},
     "foldlab.unit": {"foldlab.labels", "foldlab.plots", "foldlab.terminal"},
+    "foldlab.making": {"foldlab.labels", "foldlab.plots", "foldlab.terminal", "foldlab.unit"},
     "foldlab.cli": {
         "foldlab.campaign", "foldlab.inverse", "foldlab.labels", "foldlab.learning",
-        "foldlab.maps", "foldlab.plots", "foldlab.terminal", "foldlab.tracking", "foldlab.unit",
+        "foldlab.making", "foldlab.maps", "foldlab.plots", "foldlab.terminal", "foldlab.tracking",
+        "foldlab.unit",
     },
 }  # fmt: skip
 # Within foldlab.labels only what a solver label is made of sees the solver.

@@ -1,0 +1,1 @@
+"""Files to make a unit: drawing, cutter's file, solids, creases, report."""
