@@ -87,7 +87,7 @@ class Run:
             self._mlflow.log_artifacts(folder, "models")
         inner = classifier
         if isinstance(classifier, FixedThresholdClassifier):
-            inner = classifier.estimator_
+            inner = getattr(classifier, "estimator_", classifier.estimator)
         if kind == "network":
             self._log_network(name, inner, example.to_numpy(), inner.decision_function(example))
         elif kind == "sklearn":

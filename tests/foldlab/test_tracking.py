@@ -91,11 +91,12 @@ def test_a_given_address_is_respected(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     uri = f"sqlite:///{tmp_path / 'elsewhere.db'}"
     monkeypatch.setenv("MLFLOW_TRACKING_URI", uri)
-    with track("given", {"a": 1}, seed=3) as run:
+    with track("given", {"a": 1, "long": "x" * 600}, seed=3) as run:
         run.metrics({"good": 1.5, "bad": float("nan"), "text": "x"})
     (kept,) = runs(uri, "given")
     assert kept.data.metrics["good"] == 1.5 and "bad" not in kept.data.metrics
     assert kept.data.tags["seed"] == "3"
+    assert kept.data.params == {"a": "1", "long": "x" * 500}
     assert not (tmp_path / "mlruns" / "mlflow.db").exists()
     assert os.environ["MLFLOW_TRACKING_URI"] == uri == tracking_uri()
 
