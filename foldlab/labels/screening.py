@@ -45,15 +45,6 @@ def coarse_errors(
     return along * scale, across * float(thresholds.angle(contraction))
 
 
-def refused(measures: Mapping[str, float], contraction: float, thresholds: Thresholds) -> bool:
-    """Whether a unit that contracts isotropically misses a fold by more than the coarsest mesh is
-    off: it turns too little along the sheet, or too much across."""
-    m1, m2 = measures["m1"], measures["m2"]
-    along, across = coarse_errors(m1, contraction, thresholds, growth="isotropic")
-    short = float(thresholds.angle(contraction)) - m1
-    return bool(short > along or m2 - float(thresholds.most_across(contraction)) > across)
-
-
 def near(
     measures: Mapping[str, float],
     contraction: float,
@@ -81,6 +72,24 @@ def near(
     return [
         f"{text}, and its error is {slack:.2g}" for room, slack, text in rooms if abs(room) <= slack
     ]
+
+
+def clear(
+    measures: Mapping[str, float],
+    contraction: float,
+    thresholds: Thresholds,
+    growth: str,
+    closed: bool,
+) -> bool:
+    """Whether the coarsest mesh is not off by enough to change that a unit doesn't fold, or that it
+    folds by a full turn (``closed``).
+
+    Of 150 uniaxial designs of gravity-5k that fold by a full turn, on two meshes or on one, 149 did
+    on the coarsest; with m2 off by at most 0.02 rad.
+    """
+    errors = coarse_errors(measures["m1"], contraction, thresholds, growth=growth)
+    decided = not near(measures, contraction, thresholds, errors)
+    return decided and (closed or not all(thresholds.tags(measures, contraction).values()))
 
 
 def decided(

@@ -98,7 +98,7 @@ class SolverSource:
     def version(self) -> str:
         """Tells all settings apart that may change an answer."""
         c, effort = self.conditions, self.effort
-        parts = ["10", c.growth, c.effects.replace(",", "+"), f"{effort.accuracy:g}"]
+        parts = ["11", c.growth, c.effects.replace(",", "+"), f"{effort.accuracy:g}"]
         parts += ["exists"] * (self.question == "exists") + ["falls"] * (not c.upright)
         parts += [f"noise{self.seed}"] * (self.seed is not None)
         parts += [f"pattern{c.strips}x{c.strip_share:g}"] * (c.strips > 0)
@@ -141,7 +141,7 @@ class SolverSource:
         coarse = run.settled and self._enough(groups, run)
         if coarse:
             errors = judging.calibrated(run, groups, self.thresholds)
-        refused = self._refused(groups, run)
+        clear = self._clear(groups, run)
         finest, asked, open_ = self.effort.plan.finest, self.effort.accuracy, []
         for level in () if coarse else range(1, min(finest + 1, FINEST) + 1):
             if not run.settled or core_seconds() > deadline:
@@ -151,9 +151,10 @@ class SolverSource:
                 size = run.folding.model.scene.size / (FURTHER if open_ else 1)
                 if run.closed or size > LARGEST[finest] or (level > finest and not open_):
                     break
-            refined = self._refined(run, level, deadline, thorough=not refused)
-            if refined is None and refused:
-                # Another path would cost the most where the verdict hangs on it the least.
+            # What costs the most is tried only where the verdict hangs on it.
+            thorough = bool(open_) if level > 1 else not clear
+            refined = self._refined(run, level, deadline, thorough=thorough)
+            if refined is None and clear:
                 errors, coarse = judging.calibrated(run, groups, self.thresholds), True
                 break
             if refined is None and level > 1:
@@ -166,7 +167,7 @@ class SolverSource:
                 if not again.settled:
                     break
                 refined = again, judging.difference(run, again, groups, self.thresholds)
-            before, run, refused = run, refined[0], False
+            before, run, clear = run, refined[0], False
             errors = refined[1].stated(level, earlier, self._across(run, level))
             earlier, levels = refined[1], levels + 1
             open_ = judging.undecided(run, errors, self.thresholds, accuracy=asked)
@@ -183,7 +184,7 @@ class SolverSource:
             before=before,
             gone=self._gone(groups, run),
         )
-        if refused and coarse:
+        if clear and coarse:
             reason += "; no finer mesh confirmed it, and the error is that of other designs"
         if run.history:
             evidence |= self._peaks(run, None if run.closed else before)
@@ -320,21 +321,26 @@ class SolverSource:
 
     @property
     def _measured(self) -> bool:
-        """Whether labels are of the kind that rules of isotropic ones were measured on."""
-        plain = Conditions(growth="isotropic") == self.conditions and not self.patterned
+        """Whether labels are of the kind that rules of the coarsest mesh were measured on."""
+        c = self.conditions
+        plain = Conditions(growth=c.growth) == c and not self.patterned
         asked = self.question == "from_flat" and self.seed is None
         return plain and asked and self.changing == Changing()
 
     def _gone(self, design: Mapping[str, float], run: Run) -> bool:
         """Whether a path that has no end had curled for good."""
         usual = self._measured and self.thresholds == Thresholds()
+        usual &= self.conditions.growth == "isotropic"
         return usual and judging.beyond_return(run, design, self.thresholds)
 
-    def _refused(self, design: Mapping[str, float], run: Run) -> bool:
-        """Whether a path on the coarsest mesh is enough to say that a design doesn't fold."""
+    def _clear(self, groups: Mapping[str, float], run: Run) -> bool:
+        """Whether a path on the coarsest mesh is enough to say that a design doesn't fold, or that
+        it folds by a full turn."""
         if not (run.settled and self._measured):
             return False
-        return screening.refused(run.measures, design["contraction"], self.thresholds)
+        growth, closed = self.conditions.growth, run.closed
+        g = groups["contraction"]
+        return screening.clear(run.measures, g, self.thresholds, growth, closed)
 
     def _refined(
         self, run: Run, level: int, deadline: float, thorough: bool = True

@@ -18,7 +18,7 @@ from scipy.linalg import qr
 from solver.cases.unit.model import Model, axis_nodes, opposite, plane
 from solver.equilibrium.linear import SingularMatrix
 from solver.equilibrium.scene import Scene
-from solver.physics.supports import Fixed, Tied, rotation_row
+from solver.physics.supports import Tied, rotation_row
 
 # What a mode does, by the symmetries that it keeps of a unit with both mirror planes.
 CLASSES = {("x", "y"): "symmetric", ("y",): "sideways", ("x",): "rocking", ("turn",): "twisting"}
@@ -54,29 +54,38 @@ def own_check(model: Model, x: np.ndarray, e: float, unstable: int | None) -> Ch
 
 
 class Symmetries:
-    """The classes of a model that its symmetries hide, as scenes on the same mesh."""
+    """The classes of a model that its symmetries hide: on its mesh, with other supports."""
 
     def __init__(self, model: Model):
         self.model = model
         hidden = {2: [("x",), ("y",), ("turn",)], 1: [()], 0: []}[len(model.mirrors)]
-        self._scenes = {kept: self._odd(kept) for kept in hidden}
+        tied = [Tied(*opposite(model.body), (1, 1, -1))] if model.mirrors == ("turn",) else []
+        # Where both panels move the same way, their distance stays.
+        apart = [t for t in model.terms if t.name != "contact"]
+        bare = Scene(model.body, apart, tied=tied, scales=model.scene.scales) if hidden else None
+        near = bare
+        if model.contact is not None and ("y",) in hidden:
+            near = Scene(model.body, model.terms, tied=tied, scales=model.scene.scales)
+        # What a class holds are rows of the identity, so that one analysis does for all of them.
+        self._scenes = {kept: near if "y" in kept else bare for kept in hidden}
+        self._held = {
+            kept: scene.unknowns(self._odd(kept, tied).astype(float)) > 0
+            for kept, scene in self._scenes.items()
+        }
+        # Of the state asked about last: a point is judged where it is looked for and accepted.
+        self._judged: tuple[np.ndarray, float, list[Check]] | None = None
 
-    def _odd(self, kept: tuple[str, ...]) -> Scene:
-        """Supports of perturbations odd about the mirror planes that are not kept, or under the
-        half-turn."""
+    def _odd(self, kept: tuple[str, ...], tied: list[Tied]) -> np.ndarray:
+        """Components (nodes, 3) that vanish in perturbations odd about the mirror planes that are
+        not kept, or under the half-turn; and those that pin motions that cost nothing."""
         model, body = self.model, self.model.body
-        fixed, tied = [], []
-        if model.mirrors == ("turn",):
-            tied = [Tied(*opposite(body), (1, 1, -1))]
-            fixed = [Fixed(axis_nodes(body), np.eye(3)[2])]
+        held = np.zeros((len(body.nodes), 3), bool)
+        if tied:
+            held[axis_nodes(body), 2] = True
         for axis, name in enumerate("xy"):
             if name in model.mirrors:
-                on = plane(body, axis)
                 directions = [axis] if name in kept else [k for k in range(3) if k != axis]
-                fixed += [Fixed(on, np.eye(3)[k]) for k in directions]
-        held = np.zeros((len(body.nodes), 3), bool)
-        for support in fixed:
-            held[support.nodes] |= np.asarray(support.direction) > 0
+                held[np.ix_(plane(body, axis), directions)] = True
         # Odd under the half-turn is neither a rotation about z nor a shift along it.
         impossible = [2, 5] if tied else []
         # Motions that cost nothing are pinned, each at one component: the inertia is the same for
@@ -97,16 +106,18 @@ class Symmetries:
             candidates = np.array([(n, k) for n in near for k in range(3) if not held[n, k]])
             lever = np.array([[m[n, k] for n, k in candidates] for m in allowed])
             for pick in qr(lever, pivoting=True)[2][: len(allowed)]:
-                node, k = candidates[pick]
-                fixed.append(Fixed(np.array([node]), np.eye(3)[k]))
-        # Where both panels move the same way, their distance stays.
-        terms = [t for t in model.terms if t.name != "contact" or "y" in kept]
-        return Scene(body, terms, fixed=fixed, tied=tied, scales=model.scene.scales)
+                held[tuple(candidates[pick])] = True
+        return held
 
     def check(self, x: np.ndarray, e: float) -> list[Check]:
         """Counts in each hidden class at an equilibrium of the model."""
         if not self._scenes:
             return []
+        if self._judged is None or self._judged[0] is not x or self._judged[1] != e:
+            self._judged = x, e, self._checks(x, e)
+        return list(self._judged[2])
+
+    def _checks(self, x: np.ndarray, e: float) -> list[Check]:
         model = self.model
         u = model.scene.displacement(x, e)
         blocks = model.scene.evaluate(u, e, 2).stiffness
@@ -114,15 +125,16 @@ class Symmetries:
         for kept, scene in self._scenes.items():
             if model.contact is not None:
                 blocks = scene.evaluate(u, e, 2).stiffness
+            out = self._held[kept]
             try:
-                factor = scene.system_of(blocks).factorise()
+                factor = scene.system_of(blocks).holding(out).factorise()
             except SingularMatrix:
                 checks.append(Check(kept, None, None))
                 continue
             free = held = factor.negative
             rows = self._rows(kept, u) if model.heavy else []
             if rows and free is not None:
-                C = np.stack([scene.pulls(row) for row in rows])
+                C = np.where(out, 0.0, np.stack([scene.pulls(row) for row in rows]))
                 S = C @ factor.solve(np.ascontiguousarray(C.T)).reshape(scene.size, len(C))
                 held = free + int((np.linalg.eigvalsh(-(S + S.T)) < 0).sum()) - len(rows)
             checks.append(Check(kept, held, free))

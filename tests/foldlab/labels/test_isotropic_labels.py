@@ -60,7 +60,7 @@ def test_a_unit_that_curls_far_too_much_does_not_fold_whatever_the_finer_mesh_sa
     [
         (SOURCE, FOLDS),
         (replace(SOURCE, changing=Changing(active_stiffness=1.01)), CURLS),
-        (SolverSource(), FOLDS | {"contraction": 0.1}),
+        (SolverSource(), FOLDS),
     ],
     ids=["it folds", "another material", "uniaxial"],
 )
@@ -71,16 +71,38 @@ def test_where_the_verdict_may_hang_on_it_the_path_is_followed_on_the_finer_mesh
     assert paths[:2] == [0, 1] and thoroughly[0] is True
 
 
+def test_a_fold_by_a_full_turn_needs_no_finer_mesh(monkeypatch):
+    design = FOLDS | {"slenderness": 4e-3, "stiffness_to_weight": 1.0}
+    label, paths, thoroughly = unconfirmed(monkeypatch, SolverSource(), design)
+    assert label.foldable is True and label.evidence["m1"] >= 2 * np.pi
+    assert paths == [0] and thoroughly == [False]
+    assert label.evidence["error_basis"] == "calibrated"
+
+
+FLAT = {"m2": 0.0, "m3": 1.0, "m4": 1.0}
+TURNED = {"m1": 6.4, **FLAT}
+
+
 @pytest.mark.parametrize(
-    "change, yes",
+    "measures, growth, closed, yes",
     [
-        ({"m1": 0.24, "m2": 0.0}, True),
-        ({"m1": 0.26, "m2": 0.0}, False),
-        ({"m1": -1.0, "m2": 0.0}, True),
-        ({"m1": 1.0, "m2": 0.27}, False),
-        ({"m1": 1.0, "m2": 0.29}, True),
-        ({"m1": 6.4, "m2": 0.29}, True),
+        (FLAT | {"m1": 0.24}, "isotropic", False, True),
+        (FLAT | {"m1": 0.26}, "isotropic", False, False),
+        (FLAT | {"m1": 0.26}, "uniaxial", False, True),
+        (FLAT | {"m1": -1.0}, "isotropic", False, True),
+        (FLAT | {"m1": 1.0}, "isotropic", False, False),
+        (FLAT | {"m1": 1.0, "m2": 0.27}, "isotropic", False, False),
+        (FLAT | {"m1": 1.0, "m2": 0.29}, "isotropic", False, True),
+        (FLAT | {"m1": 1.0, "m3": 0.8}, "isotropic", False, True),
+        (TURNED, "isotropic", True, True),
+        (TURNED | {"m2": 0.02}, "isotropic", True, True),
+        (TURNED | {"m2": 0.04}, "isotropic", True, False),
+        (TURNED | {"m2": 0.04}, "uniaxial", True, True),
+        (TURNED | {"m2": 0.13}, "uniaxial", True, False),
+        (TURNED | {"m2": 0.29}, "isotropic", True, True),
+        (TURNED | {"m2": 3.2}, "isotropic", True, True),
+        (TURNED | {"m2": 0.16, "m4": 0.9005}, "uniaxial", True, False),
     ],
 )
-def test_what_misses_a_fold_by_more_than_the_coarsest_mesh_is_off(change, yes):
-    assert screening.refused(change, G, Thresholds()) is yes
+def test_what_is_clear_by_more_than_the_coarsest_mesh_is_off(measures, growth, closed, yes):
+    assert screening.clear(measures, G, Thresholds(), growth, closed) is yes

@@ -173,6 +173,24 @@ def test_solve_and_count_against_dense_algebra(body, linear, rng):
             assert system.unstable == (modes < 0).sum() > 0, name
 
 
+@pytest.mark.parametrize("name", NAMES)
+def test_unknowns_held_afterwards_are_as_if_they_had_no_rows(body, name, rng):
+    scene = scenes(body)[name]
+    squeezed = -0.6 * (body.nodes - body.nodes.mean(axis=0))
+    system = scene.system(scene.unknowns(squeezed) + 0.02 * rng.normal(size=scene.size), 0.7)
+    held = np.zeros(scene.size, bool)
+    held[rng.choice(scene.n_free, 4, replace=False)] = True
+    own, b = system.holding(held), rng.normal(size=scene.size)
+    rest = matrix(scene, system)[np.ix_(~held, ~held)]
+    solution = own.factorise().solve(np.where(held, 0.0, b))
+    np.testing.assert_allclose(solution[~held], np.linalg.solve(rest, b[~held]), rtol=1e-7)
+    assert not solution[held].any() and not own.residual[held].any()
+    assert np.array_equal(own.residual[~held], system.residual[~held])
+    if scene.symmetric:
+        modes = (np.linalg.eigvalsh(rest) < 0).sum() - scene.n_rows
+        assert own.unstable == modes
+
+
 def test_superlu_counts_where_it_did_not_exchange_rows(body):
     scene = scenes(body, "superlu")["clamped"]
     assert scene.system(np.zeros(scene.size), 0.0).unstable in (0, None)

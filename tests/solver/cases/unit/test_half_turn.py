@@ -48,6 +48,26 @@ def test_a_twisted_half_is_half_of_the_twisted_whole(twisted):
     assert faults(twisted) == ()
 
 
+def test_a_state_is_judged_once(monkeypatch):
+    model, counted = build(P, Meshing(COARSEST), FREE), []
+    symmetries, factorised = Symmetries(model), Scene.factorised
+
+    def counting(self, values):
+        counted.append(self)
+        return factorised(self, values)
+
+    monkeypatch.setattr(Scene, "factorised", counting)
+    x = np.zeros(model.scene.size)
+    first = symmetries.check(x, 0.0)
+    assert symmetries.check(x, 0.0) == first and len(counted) == 3
+    # Another load or other unknowns are another state.
+    symmetries.check(x, 0.1)
+    symmetries.check(x.copy(), 0.1)
+    assert len(counted) == 9
+    # And one analysis does for all classes.
+    assert len({id(scene.solver) for scene in counted}) == 1
+
+
 def test_its_strain_is_that_of_the_whole(twisted):
     e = twisted.last.e
     whole, x = twisted.model.widened((), twisted.x, e)
