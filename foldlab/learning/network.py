@@ -329,8 +329,8 @@ class SmoothNetwork(NetworkClassifier):
     d – softplus layers – 1, float64. The boundary of Eq. 4.26 is smooth in the logs of the groups,
     and noise-free: smooth units, a small weight penalty (``penalty`` Σ w², weights only) and a
     quasi-Newton method on all labels find it where stochastic steps hover around it. An epoch is
-    one L-BFGS iteration; a member is converged once an iteration lowers its loss by less than the
-    fraction ``rtol``, otherwise ``ConvergenceWarning`` says so.
+    one L-BFGS iteration; a member is converged once an iteration lowers its loss by less than
+    ``rtol``, of a loss above 1 by that fraction, otherwise ``ConvergenceWarning`` says so.
     """
 
     _whole = ("members", "epochs")
