@@ -112,6 +112,16 @@ def test_what_is_known_as_well_as_was_asked_for_is_decided(off, open_):
         assert (evidence["outcome"] == "unresolved") is open_
 
 
+@pytest.mark.parametrize(("accuracy", "open_"), [(0.15, False), (0.149, True)])
+def test_edges_that_slip_on_the_coarsest_mesh_count_where_more_accuracy_was_asked_for(
+    accuracy, open_
+):
+    run = a_run({"m1": 2.0, "m3": 0.7501})
+    options = {"accuracy": accuracy, "coarse": True}
+    foldable, reason, _ = judged(run, Errors(0.15, 0.1), **options)
+    assert foldable is (None if open_ else True) and ("m3 is off 1 by 0.25" in reason) is open_
+
+
 @pytest.mark.parametrize(("stiff", "told"), [(1.0, ""), (0.5, "2 times its modulus")])
 def test_a_layer_bears_its_own_weight_up_to_its_modulus(stiff, told):
     design = DESIGN | {
