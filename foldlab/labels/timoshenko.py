@@ -166,6 +166,12 @@ def _reason(foldable: bool, values: Mapping[str, float]) -> str:
     )
 
 
+def bilayer_stiffness(h_ratio, E_ratio):
+    """Bending stiffness of both layers about their neutral axis, in E_s h_s³ per width."""
+    m, n = h_ratio, E_ratio
+    return (1 + m**3 * n) / 12 + m * n * (1 + m) ** 2 / (4 * (1 + m * n))
+
+
 def lift_off_stiffness(design: Mapping[str, float]) -> float:
     """Γ above which rigid panels on a short hinge would leave the ground.
 
@@ -175,15 +181,13 @@ def lift_off_stiffness(design: Mapping[str, float]) -> float:
     """
     groups = ("h_ratio", "slenderness", "hinge_length", "contraction")
     turning = fold_angle(smeared(design), *(design[name] for name in groups)) / 2
-    return float(_hinge_turning(design) / turning) if turning > 0 else np.inf
+    return float(hinge_turning(design) / turning) if turning > 0 else np.inf
 
 
-def _hinge_turning(design: Mapping[str, float]) -> float:
+def hinge_turning(design: Mapping[str, float]) -> float:
     """β Γ: by what the weight of a level panel turns its half of the hinge, times Γ, in rad."""
-    m, n = design["h_ratio"], smeared(design)
     length = (1 - design["hinge_length"]) / 2
-    # Bilayer about its neutral axis, in units of E_s h_s³ per width.
-    bending = (1 + m**3 * n) / 12 + m * n * (1 + m) ** 2 / (4 * (1 + m * n))
+    bending = bilayer_stiffness(design["h_ratio"], smeared(design))
     # w = h_s · h_s²/Γ per width of panel; B = E_s h_s³ · bending per width of hinge.
     return length**2 * design["hinge_length"] / (4 * bending * design["hinge_width"])
 
@@ -195,4 +199,4 @@ def weight_turning(design: Mapping[str, float]) -> float:
     E_s h_s³/12 under its own weight, by w L_p³ / (6 B) = 2 L_p³/Γ.
     """
     length = (1 - design["hinge_length"]) / 2
-    return 2 * (_hinge_turning(design) + 2 * length**3)
+    return 2 * (hinge_turning(design) + 2 * length**3)

@@ -21,7 +21,8 @@ from sklearn.utils.validation import check_is_fitted
 
 from foldlab.design import DesignSpace
 from foldlab.errors import InputError
-from foldlab.learning.features import GroupFeatures, as_labels, groups_array, two_classes
+from foldlab.learning.features import as_labels, groups_array, two_classes
+from foldlab.learning.physics import Inputs, check_inputs, default_inputs, features
 
 
 def _class_weight(false_positive_weight: float) -> dict[bool, float] | None:
@@ -35,13 +36,12 @@ def _class_weight(false_positive_weight: float) -> dict[bool, float] | None:
     return {False: float(false_positive_weight), True: 1.0} if weighted else None
 
 
-def _pipeline(space, classifier) -> Pipeline:
-    return Pipeline(
-        [("groups", GroupFeatures(space, pairs=space is not None)), ("classifier", classifier)]
-    )
+def _pipeline(space, inputs, classifier) -> Pipeline:
+    groups = features(space, inputs, pairs=space is not None)
+    return Pipeline([("groups", groups), ("classifier", classifier)])
 
 
-def _tree(space, seed, false_positive_weight=1.0, **options):
+def _tree(space, seed, inputs, false_positive_weight=1.0, **options):
     weight = _class_weight(false_positive_weight)
     # In a pure leaf there is nothing to weigh: a biased tree needs leaves that can be mixed.
     leaf = 1 if weight is None else 10
@@ -51,16 +51,20 @@ def _tree(space, seed, false_positive_weight=1.0, **options):
         "min_samples_leaf": leaf,
         "random_state": seed,
     }
-    return _pipeline(space, DecisionTreeClassifier(class_weight=weight, **(defaults | options)))
+    return _pipeline(
+        space, inputs, DecisionTreeClassifier(class_weight=weight, **(defaults | options))
+    )
 
 
-def _forest(space, seed, false_positive_weight=1.0, **options):
+def _forest(space, seed, inputs, false_positive_weight=1.0, **options):
     defaults = {"n_estimators": 200, "random_state": seed}
     weight = _class_weight(false_positive_weight)
-    return _pipeline(space, RandomForestClassifier(class_weight=weight, **(defaults | options)))
+    return _pipeline(
+        space, inputs, RandomForestClassifier(class_weight=weight, **(defaults | options))
+    )
 
 
-def _boosted(space, seed, false_positive_weight=1.0, **options):
+def _boosted(space, seed, inputs, false_positive_weight=1.0, **options):
     # Without early stopping: it would hold back a tenth of the labels.
     defaults = {
         "max_iter": 300,
@@ -70,29 +74,27 @@ def _boosted(space, seed, false_positive_weight=1.0, **options):
     }
     weight = _class_weight(false_positive_weight)
     return _pipeline(
-        space, HistGradientBoostingClassifier(class_weight=weight, **(defaults | options))
+        space, inputs, HistGradientBoostingClassifier(class_weight=weight, **(defaults | options))
     )
 
 
-def _distilled(space, seed, false_positive_weight=1.0, **options):
-    return DistilledTree(
-        space, random_state=seed, false_positive_weight=false_positive_weight, **options
-    )
+def _distilled(space, seed, inputs, **options):
+    return DistilledTree(space, random_state=seed, inputs=inputs, **options)
 
 
-def _network(space, seed, **options):
+def _network(space, seed, inputs, **options):
     from foldlab.learning.network import SmoothNetwork  # torch takes seconds to import
 
-    return SmoothNetwork(space, random_state=seed, **options)
+    return SmoothNetwork(space, random_state=seed, inputs=inputs, **options)
 
 
-def _dissertation(space, seed, **options):
+def _dissertation(space, seed, inputs, **options):
     from foldlab.learning.network import DissertationNetwork
 
-    return DissertationNetwork(space, random_state=seed, **options)
+    return DissertationNetwork(space, random_state=seed, inputs=inputs, **options)
 
 
-def _symbolic(space, seed, constraints=None, **options):
+def _symbolic(space, seed, inputs, constraints=None, **options):
     from foldlab.learning.symbolic.engines import Constraints
     from foldlab.learning.symbolic.estimators import (
         SymbolicClassifier,  # sympy and Operon are slow too
@@ -102,7 +104,8 @@ def _symbolic(space, seed, constraints=None, **options):
     if not isinstance(limits, Constraints):
         raise InputError(f"constraints = {limits!r}; give its fields, such as seconds=10")
     given = {f.name: options.pop(f.name) for f in fields(limits) if f.name in options}
-    return SymbolicClassifier(space, constraints=replace(limits, **given), **options)
+    constraints = replace(limits, **given)
+    return SymbolicClassifier(space, constraints=constraints, inputs=inputs, **options)
 
 
 MODELS: dict[str, Callable] = {
@@ -116,22 +119,27 @@ MODELS: dict[str, Callable] = {
 }
 
 
-def make_classifier(name: str, space: DesignSpace | None, *, seed: int = 0, **options):
+def make_classifier(
+    name: str, space: DesignSpace | None, *, seed: int = 0, inputs: Inputs | None = None, **options
+):
     """An unfitted classifier by name (:data:`MODELS`), seeded.
 
+    ``inputs``: what it sees of a design, see :func:`foldlab.learning.physics.features`.
     ``options`` go to the model; every model takes ``false_positive_weight`` (1 = unbiased) but
     ``symbolic``, whose ``fit`` takes the scalar target.
     Raises :class:`InputError` for an unknown name or option.
     """
     if name not in MODELS:
         raise InputError(f"no model {name!r}; there are: {', '.join(MODELS)}")
+    inputs = default_inputs(space, inputs)
+    check_inputs(inputs, space)
     known = _options(name, space) if options else ()
     for option in options:
         if option not in known:
             raise InputError(
                 f"model {name!r} has no setting {option!r}; it has: {', '.join(known)}"
             )
-    model = MODELS[name](space, seed, **options)
+    model = MODELS[name](space, seed, inputs, **options)
     if isinstance(model, Pipeline):
         try:
             model[-1]._validate_params()  # else a bad value would come to light in fit only
@@ -142,13 +150,13 @@ def make_classifier(name: str, space: DesignSpace | None, *, seed: int = 0, **op
 
 def _options(name: str, space: DesignSpace | None) -> list[str]:
     """Names of what :func:`make_classifier` passes on to a model."""
-    model = MODELS[name](space, 0)
+    model = MODELS[name](space, 0, "groups")
     names = {*(model[-1] if isinstance(model, Pipeline) else model).get_params(deep=False)}
     if name == "symbolic":
         names |= {field.name for field in fields(model.constraints)}
     else:
         names |= {"false_positive_weight"}
-    return sorted(names - {"space", "seed", "random_state", "class_weight"})
+    return sorted((names | {"inputs"}) - {"space", "seed", "random_state", "class_weight"})
 
 
 class DistilledTree(ClassifierMixin, BaseEstimator):
@@ -169,6 +177,7 @@ class DistilledTree(ClassifierMixin, BaseEstimator):
         ccp_alpha: float = 5e-5,
         false_positive_weight: float = 1.0,
         random_state: int | None = 0,
+        inputs: Inputs = "groups",
     ):
         self.space = space
         self.teacher = teacher
@@ -176,13 +185,18 @@ class DistilledTree(ClassifierMixin, BaseEstimator):
         self.ccp_alpha = ccp_alpha
         self.false_positive_weight = false_positive_weight
         self.random_state = random_state
+        self.inputs = inputs
 
     def fit(self, X, y):
         if self.space is None:
             raise InputError("the distilled tree needs a space, to draw designs from it")
         X, (self.classes_, y) = groups_array(X, self.space), two_classes(y)
         seed = 0 if self.random_state is None else self.random_state
-        bias = {"seed": seed, "false_positive_weight": self.false_positive_weight}
+        bias = {
+            "seed": seed,
+            "inputs": self.inputs,
+            "false_positive_weight": self.false_positive_weight,
+        }
         teacher = make_classifier(self.teacher, self.space, **bias).fit(X, y)
         more = self.space.sample(self.n_designs, seed=seed).to_numpy()
         answers = as_labels(teacher.predict(more))

@@ -6,7 +6,9 @@ Both minimise the binary cross-entropy with a weight w on false positives (§4.7
 
 with t = 1 for designs that fold. :class:`DissertationNetwork` is §4.7.3; :class:`SmoothNetwork` is
 a small ensemble of smooth networks, trained to convergence on all labels at once.
-Input: groups (n, d), logs inside where a space is given. Output: probabilities (n, 2).
+Input: groups (n, d), logs inside where a space is given, with the columns of
+:class:`foldlab.learning.physics.PhysicsFeatures` where ``inputs`` says so.
+Output: probabilities (n, 2).
 The two differ in little but their training, and stay beside what they have in common.
 """
 
@@ -38,6 +40,7 @@ from torch import nn
 from foldlab.design import DesignSpace
 from foldlab.errors import InputError
 from foldlab.learning.features import as_labels, groups_array
+from foldlab.learning.physics import Inputs, features
 from foldlab.tables import as_frame
 
 CHUNK = 50_000  # designs per forward pass; bounds the memory
@@ -193,6 +196,8 @@ class NetworkClassifier(ClassifierMixin, BaseEstimator):
         if reset:
             self.feature_names_in_ = np.array(self.space.names, dtype=object)
             self.n_features_in_ = len(self.space)
+        if self.inputs != "groups":
+            groups = features(self.space, self.inputs).fit(groups).transform(groups)
         if y is None:
             return groups
         y = column_or_1d(check_array(y, ensure_2d=False, dtype=None), warn=True)
@@ -201,7 +206,7 @@ class NetworkClassifier(ClassifierMixin, BaseEstimator):
         return groups, y
 
     def _logs(self, n_features: int) -> list[bool]:
-        if self.space is None:
+        if self.space is None or self.inputs != "groups":
             return [False] * n_features
         return [p.scale == "log" for p in self.space]
 
@@ -273,6 +278,7 @@ class DissertationNetwork(NetworkClassifier):
         learning_rate: float = 1e-3,
         false_positive_weight: float = 1.0,
         random_state: int | None = 0,
+        inputs: Inputs = "groups",
     ):
         self.space = space
         self.hidden = hidden
@@ -282,6 +288,7 @@ class DissertationNetwork(NetworkClassifier):
         self.learning_rate = learning_rate
         self.false_positive_weight = false_positive_weight
         self.random_state = random_state
+        self.inputs = inputs
 
     def build(self, n_features: int) -> GroupsToLogit:
         """The untrained module for ``n_features`` groups."""
@@ -347,6 +354,7 @@ class SmoothNetwork(NetworkClassifier):
         rtol: float = 1e-6,
         false_positive_weight: float = 1.0,
         random_state: int | None = 0,
+        inputs: Inputs = "groups",
     ):
         self.space = space
         self.hidden = hidden
@@ -356,6 +364,7 @@ class SmoothNetwork(NetworkClassifier):
         self.rtol = rtol
         self.false_positive_weight = false_positive_weight
         self.random_state = random_state
+        self.inputs = inputs
 
     def build(self, n_features: int) -> GroupsToLogit:
         """The untrained module for ``n_features`` groups."""

@@ -1,7 +1,8 @@
 """Models on disk: a directory with ``model.json`` and the fitted numbers, without pickle.
 
 scikit-learn models go through skops, restricted to the types listed here. Networks are written
-twice: ``network.pt2`` (torch.export, any number of designs) runs without foldlab, and
+twice: ``network.pt2`` (torch.export, any number of designs) runs without foldlab, on the groups or
+on the columns that :class:`foldlab.learning.physics.PhysicsFeatures` makes of them, and
 ``weights.npz`` is what :func:`load_model` reads, because loading a ``.pt2`` from a stranger may run
 the stranger's code. A directory appears whole or not at all.
 """
@@ -37,6 +38,7 @@ TRUSTED = frozenset(
     {
         "foldlab.learning.models.DistilledTree",
         "foldlab.learning.features.GroupFeatures",
+        "foldlab.learning.physics.PhysicsFeatures",
         "foldlab.design.DesignSpace",
         "foldlab.design.Parameter",
         # Arrays of nodes; skops leaves it to the caller to trust them.
@@ -231,7 +233,8 @@ def _save_network(model, directory: Path) -> dict:
     import torch
 
     module = model.module_.eval()
-    example = torch.ones(2, model.n_features_in_, dtype=torch.float64)
+    columns = len(module.centre)
+    example = torch.ones(2, columns, dtype=torch.float64)
     designs = torch.export.Dim("designs")
     program = torch.export.export(module, (example,), dynamic_shapes=({0: designs},))
     # By way of memory: torch's own writer ends the process where the disk is full.
@@ -246,6 +249,7 @@ def _save_network(model, directory: Path) -> dict:
         "parameters": parameters,
         "space": space_to_json(model.space),
         "n_features": model.n_features_in_,
+        "inputs": columns,
         "columns": getattr(model, "feature_names_in_", None),
         "classes": model.classes_,
         "classes_dtype": model.classes_.dtype.str,
@@ -268,7 +272,7 @@ def _load_network(directory: Path, state: dict):
     with np.load(directory / "weights.npz", allow_pickle=False) as archive:
         weights = {name: torch.from_numpy(archive[name].copy()) for name in archive.files}
     with torch.random.fork_rng(devices=[]):  # building draws start values that are overwritten
-        module = model.build(state["n_features"])
+        module = model.build(state.get("inputs", state["n_features"]))
     module.load_state_dict(weights)
     model.module_ = module.eval()
     model.n_features_in_ = state["n_features"]
@@ -296,6 +300,8 @@ def _save_formula(model, directory: Path) -> dict:
         "formula": str(chosen),
         "latex": chosen.latex(),
         "inputs": list(chosen.inputs),
+        "seen": model.inputs,
+        "margin": model.margin,
         "front": [
             {"error": float(error), "tree": f.tree}
             for error, f in zip(model.front_["error"], formulas, strict=True)
@@ -316,7 +322,10 @@ def _load_formula(directory: Path, state: dict):
 
     inputs = tuple(state["inputs"])
     front = [(row["error"], Formula(tree(row["tree"]), inputs)) for row in state["front"]]
-    model = SymbolicClassifier(space_from_json(state["space"]), threshold=state["threshold"])
+    # Formulas of older versions see groups and are for the angle itself.
+    told = {"margin": state.get("margin", False), "inputs": state.get("seen", "groups")}
+    space = space_from_json(state["space"])
+    model = SymbolicClassifier(space, threshold=state["threshold"], **told)
     return model.restore(front, state["chosen"], state["scale"])
 
 

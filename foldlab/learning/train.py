@@ -5,7 +5,6 @@ from __future__ import annotations
 import time
 from typing import Any
 
-import numpy as np
 import pandas as pd
 from sklearn.model_selection import train_test_split
 
@@ -14,6 +13,7 @@ from foldlab.errors import InputError
 from foldlab.learning.features import as_labels
 from foldlab.learning.models import make_classifier
 from foldlab.learning.operating_point import at_rate, check_calibration
+from foldlab.learning.physics import default_inputs
 from foldlab.learning.scoring import model_size, score
 
 DEFAULT_LABELS = 6000
@@ -80,6 +80,7 @@ def train_on(
     return model, {
         "model": name,
         "space": space.name,
+        "inputs": default_inputs(space, (options or {}).get("inputs")),
         "seed": seed,
         "labels": len(training),
         "calibration_labels": point.labels if point else 0,
@@ -142,10 +143,8 @@ def fit(name: str, space: DesignSpace, labels: pd.DataFrame, *, seed: int, **opt
         angle = known["normalised_angle"].to_numpy(float)
         if "threshold" in known:
             model.set_params(threshold=float(known["threshold"].iloc[0]))
-        if (angle <= 0).any():
-            # A sheet that sags turns the other way; the formula's logs need numbers above 0, and
-            # far from the threshold on that side no accuracy.
-            angle = np.maximum(angle, 0.1 * model.threshold)
+        # A sheet that sags turns the other way, and an angle below 0 has no log.
+        model.set_params(margin=bool((angle <= 0).any()))
         return model.fit(known[space.names], angle)
     return model.fit(known[space.names], target)
 

@@ -21,6 +21,7 @@ import keyword
 import math
 import time
 from itertools import product
+from typing import Literal
 
 import numpy as np
 import pandas as pd
@@ -32,6 +33,8 @@ from sklearn.utils.validation import check_is_fitted, validate_data
 
 from foldlab.design import DesignSpace
 from foldlab.errors import InputError
+from foldlab.labels import beam
+from foldlab.labels.rod import rod_of
 from foldlab.labels.timoshenko import FULL_TURN
 from foldlab.learning.symbolic import formula as fm
 from foldlab.learning.symbolic.engines import ENGINES, Constraints
@@ -233,6 +236,14 @@ class SymbolicClassifier(ClassifierMixin, BaseEstimator):
     margin: P(True) = expit(log(A/threshold)/s). s is the scale of a logistic distribution with the
     standard deviation of log(A/y) on the training rows, s = √3 σ/π, so the probability says how
     sure the formula may be given its own residuals; it assumes that these are alike everywhere.
+
+    With ``margin`` the formula is for tanh(y/threshold − 1) instead, by plain squares: the target
+    may have any sign, and what lies far from the threshold weighs no more. A > 0 folds, and A takes
+    the place of the log margin.
+
+    ``inputs``: "groups" of the space; "physics", the columns of
+    :func:`foldlab.labels.beam.formulas` in their place; "rod", those of
+    :func:`foldlab.labels.rod.rod_of` too.
     """
 
     def __init__(
@@ -242,15 +253,22 @@ class SymbolicClassifier(ClassifierMixin, BaseEstimator):
         constraints: Constraints | None = None,
         reciprocal: bool = True,
         threshold: float = FULL_TURN,
+        margin: bool = False,
+        inputs: Literal["groups", "physics", "rod"] = "groups",
     ):
         self.space = space
         self.engine = engine
         self.constraints = constraints
         self.reciprocal = reciprocal
         self.threshold = threshold
+        self.margin = margin
+        self.inputs = inputs
 
     def fit(self, X, y) -> SymbolicClassifier:
-        """X: (n, inputs) designs; y: (n,) positive scalar target, in the threshold's units."""
+        """X: (n, groups) designs; y: (n,) scalar target, in the threshold's units.
+
+        It must be positive unless ``margin`` is set.
+        """
         if not (np.isfinite(self.threshold) and self.threshold > 0):
             raise InputError(f"threshold = {self.threshold!r}; expected a finite number above 0")
         if np.asarray(y).dtype == bool or pd.api.types.is_bool_dtype(y):
@@ -258,14 +276,36 @@ class SymbolicClassifier(ClassifierMixin, BaseEstimator):
                 "y holds booleans; give the scalar target (such as κ l_s/g), which is compared "
                 "with the threshold"
             )
-        self.regressor_ = SymbolicRegressor(
-            self.space, self.engine, self.constraints, True, self.reciprocal
-        ).fit(X, y)
+        y = np.asarray(y, dtype=float)
+        X = self._seen(X)
+        self.regressor_ = self._regressor()
+        self.regressor_.fit(X, np.tanh(y / self.threshold - 1) if self.margin else y)
         self.classes_ = np.array([False, True])
         self.n_features_in_ = self.regressor_.n_features_in_
-        sigma = float(np.std(np.log(self.regressor_.predict(X) / np.asarray(y, dtype=float))))
-        self.scale_ = max(math.sqrt(3) / math.pi * sigma, 1e-12)
+        if self.space is not None:
+            self.n_features_in_ = len(self.space)
+        values = self.regressor_.predict(X)
+        wrong = values - np.tanh(y / self.threshold - 1) if self.margin else np.log(values / y)
+        self.scale_ = max(math.sqrt(3) / math.pi * float(np.std(wrong)), 1e-12)
         return self
+
+    def _regressor(self) -> SymbolicRegressor:
+        space = self.space if self.inputs == "groups" else None
+        logs = not self.margin
+        return SymbolicRegressor(
+            space, self.engine, self.constraints, logs, self.reciprocal and logs
+        )
+
+    def _seen(self, X):
+        """The table that the formula's inputs are columns of."""
+        if self.inputs == "groups":
+            return X
+        X = as_frame(X)
+        if not isinstance(X, pd.DataFrame):
+            X = pd.DataFrame(np.asarray(X), columns=self.space.names)
+        designs = self.space.validate(X, bounds=False)
+        table = beam.formulas(designs)
+        return table.join(rod_of(designs, self.space)) if self.inputs == "rod" else table
 
     def restore(self, front, chosen: int, scale: float) -> SymbolicClassifier:
         """Fill an unfitted classifier with formulas that were fitted before (a saved model).
@@ -274,9 +314,7 @@ class SymbolicClassifier(ClassifierMixin, BaseEstimator):
         the probabilities.
         """
         rows = [(f.size, f.depth, error, f) for error, f in front]
-        regressor = SymbolicRegressor(
-            self.space, self.engine, self.constraints, True, self.reciprocal
-        )
+        regressor = self._regressor()
         regressor.front_ = pd.DataFrame(rows, columns=["size", "depth", "error", "formula"])
         regressor.formula_ = front[chosen][1]
         regressor.inputs_ = regressor.formula_.inputs
@@ -284,7 +322,7 @@ class SymbolicClassifier(ClassifierMixin, BaseEstimator):
         regressor.feature_names_in_ = np.array(regressor.inputs_, dtype=object)
         self.regressor_, self.scale_ = regressor, scale
         self.classes_ = np.array([False, True])
-        self.n_features_in_ = regressor.n_features_in_
+        self.n_features_in_ = len(self.space or regressor.inputs_)
         return self
 
     @property
@@ -303,9 +341,14 @@ class SymbolicClassifier(ClassifierMixin, BaseEstimator):
         return self.regressor_.formula_
 
     def decision_function(self, X) -> np.ndarray:
-        """Log margin log(A/threshold), shape (n,); −inf where the formula is not positive."""
+        """Log margin log(A/threshold), shape (n,); −inf where the formula is not positive.
+
+        With ``margin`` the formula's own value.
+        """
         check_is_fitted(self, "regressor_")
-        values = self.regressor_.predict(X)
+        values = self.regressor_.predict(self._seen(X))
+        if self.margin:
+            return values
         with np.errstate(divide="ignore"):
             return np.log(np.maximum(values, 0.0) / self.threshold)
 
