@@ -45,7 +45,7 @@ def test_a_smooth_network_minimises_cross_entropy_and_the_squares_of_its_weights
     X, t = labelled(120, 3)
     share = np.linspace(0.5, 3.0, 120) if weighed else None
     model = SmoothNetwork(
-        REDUCED, members=2, hidden=(5,), penalty=1e-2, epochs=40, false_positive_weight=w
+        REDUCED, members=3, hidden=(5,), penalty=1e-2, epochs=99, rtol=1e-3, false_positive_weight=w
     )
     fitted(model, X, t, sample_weight=share)
     logs = torch.tensor(np.log10(X.to_numpy()))
@@ -57,7 +57,7 @@ def test_a_smooth_network_minimises_cross_entropy_and_the_squares_of_its_weights
         losses.append(cross_entropy(expit(odds[-1]), t, w, share) + 1e-2 * size)
     # Each member's last value, whichever took longer; answers are the mean of their log-odds.
     assert model.loss_curve_[-1] == pytest.approx(np.mean(losses), rel=1e-9)
-    assert model.n_epochs_ == len(model.loss_curve_) <= 40 and model.n_labels_ == 120
+    assert model.n_epochs_ == len(model.loss_curve_) < 99 and model.n_labels_ == 120
     np.testing.assert_allclose(model.decision_function(X), np.mean(odds, axis=0), rtol=1e-12)
     # Scaled to mean 0 and variance 1 of the designs as they are weighed.
     share = np.ones(120) if share is None else share

@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from rods import differences, gradient, pressed, strip
 
 from solver.cases.unit import rod_kernel as kernel
 from solver.cases.unit.rod import ERROR, STEADY, Ending, _parts, bend, ends
@@ -42,18 +43,6 @@ def test_a_section_is_timoshenkos_at_small_contraction():
     # No force: the strains of the two mid-planes share the mismatch, κ apart.
     low, high = stretch - 1, stretch - 1 - curvature * (1 + m) / 2
     assert low + mn * (high + c) == pytest.approx(0, abs=1e-3 * c)
-
-
-def strip(gamma, hinge, panel, *, h=1e-3, parts=(40, 80)):
-    """Lengths, intervals, nodes and ground of the heavy strip of references.md §2."""
-    s = np.r_[np.linspace(0, 0.1, parts[0] + 1), np.linspace(0.1, 0.5, parts[1] + 1)[1:]]
-    lengths = np.diff(s)
-    share = np.r_[lengths / 2, 0] + np.r_[0, lengths / 2]
-    rods = np.stack([lengths, np.full(len(lengths), panel) / lengths, 0 * lengths], axis=1)
-    rods[: parts[0], kernel.STIFF] = hinge / lengths[: parts[0]]
-    nodes = np.stack([gamma * share, 0 * share, share], axis=1)
-    ground = np.array([gamma / -kernel._barrier(0.5)[1], 0.2 * h, 0.1 * h, 0.0])
-    return lengths, rods, nodes, ground
 
 
 def folded(gamma, hinge, panel, curvature):
@@ -98,30 +87,6 @@ def test_the_heavy_strip_snaps_over_where_it_should():
     jumps = beyond[beyond[:, kernel.SNAP] > 0]
     assert len(jumps) == 1 and jumps[0, kernel.LOAD] * 1.01 == pytest.approx(1, abs=3e-3)
     assert jumps[0, kernel.TIP_ANGLE] > 2.4
-
-
-def gradient(x, rods, nodes, ground):
-    """As the recursion gives it."""
-    shape, load = np.zeros((6, len(x))), np.zeros(len(x))
-    kernel.energy(x, rods, nodes, ground, shape)
-    scratch = np.zeros(len(x)), np.zeros((len(x), 3))
-    kernel.solve(x, rods, nodes, ground, shape, load, False, *scratch)
-    return -load
-
-
-def differences(f, x, step):
-    """∂f/∂x by central differences, in the first axis."""
-    return np.array([(f(x + d) - f(x - d)) / (2 * step) for d in step * np.eye(len(x))])
-
-
-def pressed(gamma=60.0, bend=0.0):
-    """A coarse strip that bends, lies on the ground and is pressed into it."""
-    _, rods, nodes, ground = strip(gamma, 1.0, 1.0, h=0.1, parts=(3, 4))
-    nodes[:3, kernel.OFFSET] = 0.3
-    ground[kernel.BELOW] = 0.05
-    rods[:3, kernel.TURN] = 0.2
-    x = np.concatenate([[-4e-3], 0.1 + bend + 0.05 * np.sin(np.arange(7))])
-    return x, rods, nodes, ground
 
 
 @pytest.mark.parametrize("bend", [0.0, 0.4])
