@@ -1,0 +1,218 @@
+"""What holds a model, what it grows by and what a state says, without following a path."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from folding_units import COARSE, COARSEST, HEAVY, NARROW, P
+
+from solver.cases.unit import path
+from solver.cases.unit.choices import Changes, Meshing, Physics, Supports, Watch
+from solver.cases.unit.model import SLIP, _held, build, fewer, foot, images, uneven
+from solver.cases.unit.path import Ending, Folding, State
+from solver.cases.unit.symmetry import Check
+from solver.physics.elastic import Elastic
+
+
+def a_state(*checks, **changed):
+    given = {
+        "e": 0.5, "curves": np.zeros((4, 10, 3)), "checks": checks, "lowest": None, "tip": None,
+        "energy": 1.0, "iterations": 3, "unknowns": 9,
+    }  # fmt: skip
+    return State(**(given | changed))
+
+
+@pytest.mark.parametrize(
+    ("counts", "unstable", "topples"),
+    [
+        ([(0, 0), (0, 0)], 0, False),
+        ([(1, 1), (2, 2)], 3, False),
+        ([(0, 0), (0, 1)], 0, True),
+        ([(1, 2), (0, 0)], 1, True),
+        ([(2, 1)], 2, False),
+        ([(0, 0), (None, None)], None, False),
+        ([(0, None), (None, 1)], None, True),
+    ],
+)
+def test_a_state_tells_its_unstable_modes_and_whether_it_would_tip_over(counts, unstable, topples):
+    state = a_state(*(Check((), held, free) for held, free in counts))
+    assert state.unstable == unstable and state.topples is topples
+
+
+def test_the_last_state_is_the_last():
+    states = tuple(a_state(e=e) for e in (0.0, 0.5))
+    folding = Folding(states, (), Ending.LOST, "so", None, None, 0, 0.0)
+    assert folding.last is states[1]
+    with pytest.raises(ValueError, match="the path has no states: so"):
+        _ = replace(folding, states=()).last
+
+
+# -- steps -----------------------------------------------------------------------------------------
+
+
+def walk(unit, growth="uniaxial", turn=0.5, **supports):
+    """The steps of a model's path, which is not followed."""
+    model = build(unit, Meshing(COARSEST), Physics((), growth=growth), Supports(**supports))
+    return path._Walk(model, 1e-6, turn, None, None, False, None, 400)
+
+
+def test_the_fold_turns_by_as_much_in_a_step_as_it_was_told():
+    for turn in (0.3, 0.6):
+        steps = walk(P, turn=turn).steps
+        assert steps.step * P.fold_angle == pytest.approx(turn)
+        assert steps.largest == pytest.approx(min(path.EASY, path.LONGEST / steps.step))
+    # Isotropic contraction turns a wide hinge further about the other axis.
+    wide = replace(P, aspect=2.0)
+    assert wide.curvature * wide.width > wide.fold_angle
+    assert walk(wide).steps.step * wide.fold_angle == pytest.approx(0.5)
+    steps = walk(wide, "isotropic").steps
+    assert steps.step * wide.curvature * wide.width == pytest.approx(0.5)
+    # However little it turns a step is no more than a fifth of the contraction.
+    stiff = walk(replace(P, contraction=0.01)).steps
+    assert (stiff.step, stiff.largest) == (0.2, 1.0)
+
+
+@pytest.mark.parametrize("upright", [True, False])
+def test_a_class_is_lost_where_it_is_unstable_as_it_is_held(upright):
+    walking = walk(P, upright=upright)
+    steady, tips, bends = Check(("x",), 0, 0), Check(("y",), 0, 1), Check(("turn",), 1, 1)
+    lost = walking._lost([steady, tips, bends, Check((), None, None)])
+    assert lost == ([bends] if upright else [tips, bends])
+
+
+# -- supports --------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("mirrors", "tips"), [(("x", "y"), 0), (("x",), 1), (("y",), 1), ((), 2), (("turn",), 0)]
+)
+@pytest.mark.parametrize("heavy", [True, False])
+@pytest.mark.parametrize("upright", [True, False])
+def test_rigid_motions_are_held_but_for_those_that_the_ground_resists(
+    mirrors, tips, heavy, upright
+):
+    """``tips``: rotations about x and y that the symmetries of a model leave."""
+    supports = Supports(mirrors, upright)
+    body = build(P, Meshing(COARSEST), Physics(()), Supports(mirrors)).body
+    held = _held(body, supports, heavy, np.zeros_like(body.nodes))
+    modes = [np.broadcast_to(k, body.nodes.shape) for k in np.eye(3)]
+    modes += [np.cross(k, body.nodes) for k in np.eye(3)]
+    kept = []
+    for mode in modes:
+        kept.append(
+            np.concatenate([
+                *((mode[s.nodes] @ np.asarray(s.direction, float)) for s in held["fixed"]),
+                [(row.coefficients * mode).sum() for row in held["rows"]],
+                *(
+                    (mode[t.nodes] - np.asarray(t.signs) * mode[t.images]).ravel()
+                    for t in held.get("tied", ())
+                ),
+            ])
+        )  # fmt: skip
+    rank = np.linalg.matrix_rank(np.array(kept), tol=1e-9)
+    # On the ground it may rise, and tip over unless it is held upright.
+    assert rank == 6 - heavy * (1 + (not upright) * tips)
+    if heavy:
+        up = np.array(kept)[2]
+        assert np.abs(up).max() < 1e-12
+
+
+def test_symmetries_that_may_be_left_are_fewer():
+    assert fewer(("x", "y")) == [{"x"}, {"y"}, {"turn"}, set()]
+    assert fewer(("x",)) == fewer(("turn",)) == [set()] and fewer(()) == []
+    model = build(P, Meshing(COARSEST), Physics(()), Supports(("x",)))
+    with pytest.raises(ValueError, match="expected fewer of"):
+        model.widened(("y",), np.zeros(model.scene.size), 0.0)
+
+
+@pytest.mark.parametrize("mirrors", [("x", "y"), ("x",), ("y",), ("turn",)])
+def test_the_image_of_a_node_moves_as_the_symmetry_says(mirrors):
+    part = build(P, Meshing(COARSEST), Physics(()), Supports(mirrors)).body
+    whole = build(P, Meshing(COARSEST), Physics(()), Supports(())).body
+    near, signs = images(part, whole, mirrors)
+    np.testing.assert_allclose(signs * part.nodes[near], whole.nodes, atol=1e-9)
+    assert set(np.abs(signs).ravel()) == {1.0} and (signs[:, 2] == 1).all()
+    other = build(P, Meshing(COARSE), Physics(()), Supports(())).body
+    with pytest.raises(ValueError, match="no image"):
+        images(part, other, mirrors)
+
+
+def test_the_foot_is_the_nearest_node():
+    body = build(P, Meshing(COARSEST), Physics(())).body
+    for at in ((0.0, 0.0, 0.0), (0.0, 0.5, 0.0), (0.1, 0.5, 0.004)):
+        assert body.nodes[foot(body, at)[0]] == pytest.approx(at, abs=1e-9)
+
+
+# -- what acts -------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("growth", ["uniaxial", "isotropic", "release"])
+@pytest.mark.parametrize("swelling", [False, True])
+def test_the_active_layer_contracts_and_either_layer_swells_where_it_does(growth, swelling):
+    changes = Changes(expansion=lambda e: 0.02 * e), Changes(expansion=lambda e: -0.01 * e)
+    active, passive = changes if swelling else (Changes(), Changes())
+    physics = Physics((), growth=growth, active=active, passive=passive)
+    model = build(P, Meshing(COARSEST), physics)
+    on = model.body.cells_of("active")
+    term, X = model.terms[0], model.body.nodes
+    for e in (0.25, 1.0):
+        # Along the sheet; the others follow, or follow in the release.
+        fractions = {"uniaxial": (None, e, None), "isotropic": (e,) * 3, "release": (e, 1.0, e)}
+        for cells, shrinks, expansion in ((on, 1, 0.02), (~on, 0, -0.01)):
+            swells = expansion * e * swelling
+            strain = [
+                0.0 if a is None else swells - shrinks * a * P.contraction
+                for a in fractions[growth]
+            ]
+            # Cells displaced as they grow are without stress.
+            part = Elastic(model.body, term.material, term.growth, cells=cells)
+            grown = part.evaluate(X * strain, e, 1)
+            assert grown.energy == pytest.approx(0, abs=1e-15)
+            assert np.abs(grown.force).max() < 1e-12
+
+
+def test_weights_are_uneven_by_up_to_the_amplitude_and_the_rest_stays():
+    model = build(NARROW, Meshing(COARSEST))
+    noisy = uneven(0.01, Watch())(model.scene, np.random.default_rng(0))
+    assert [t.name for t in noisy.terms] == [t.name for t in model.scene.terms]
+    own, other = (next(t for t in s.terms if t.name == "gravity") for s in (model.scene, noisy))
+    factors = np.asarray(other.density) / np.asarray(own.density)
+    assert 0.005 < np.abs(factors - 1).max() <= 0.01 and factors.min() < 1 < factors.max()
+    assert noisy.terms[0] is model.scene.terms[0]
+
+
+def test_friction_slides_after_a_hundredth_of_the_thickness():
+    model = build(HEAVY, Meshing(COARSEST), Physics(friction=0.3))
+    friction = next(t for t in model.terms if t.name == "friction")
+    assert SLIP == 0.01 and friction.slip == pytest.approx(SLIP * HEAVY.slenderness)
+
+
+def test_rows_turn_with_the_unit_once_they_see_less_than_most_of_a_rotation():
+    model = build(HEAVY, Meshing(COARSEST), supports=Supports(()))
+    x = np.zeros(model.scene.size)
+    assert model.anchored(x, 0.0) is model
+
+    def folded(angle):
+        """Panels that stand at an angle, as unknowns."""
+        y = model.body.nodes[:, 1]
+        return model.scene.unknowns(
+            np.column_stack([0 * y, y * (np.cos(angle) - 1), np.abs(y) * np.sin(angle)])
+        )
+
+    assert model.anchored(folded(0.3), 0.0) is model
+    turned = model.anchored(folded(1.5), 0.0)
+    assert turned is not model and turned.scene.size == model.scene.size
+    assert turned.terms == model.terms
+
+
+def test_the_clearance_is_that_of_the_nearest_point_of_a_panel():
+    physics = Physics(("contact",))
+    model = build(P, Meshing(COARSEST), physics)
+    for shift in (0.0, -0.03):
+        u = np.zeros_like(model.body.nodes)
+        u[model.body.nodes[:, 1] > P.hinge_length / 2 - 1e-9, 1] = shift
+        x = model.scene.unknowns(u)
+        assert model.clearance(x, 0.0) == pytest.approx(P.hinge_length / 2 + shift, abs=1e-9)
+    assert model.effects == ("elastic", "contact")
+    late = build(P, Meshing(COARSEST), physics, watch=Watch(deadline=np.inf))
+    assert late.effects == model.effects
