@@ -150,7 +150,7 @@ def test_a_step_that_mends_a_row_may_climb():
 # -- corrections with the old factor ---------------------------------------------------------------
 
 
-def chorded(contraction, *, rtol=1e-12, most=4, start=1.0, fraction=1.0):
+def chorded(contraction, *, rtol=1e-12, start=1.0, fraction=1.0, **options):
     """From a step at z = 0 whose corrections contract by a factor each."""
     corrections = [start * contraction**k for k in range(12)]
     ends = np.cumsum([0.0, *corrections])
@@ -160,7 +160,7 @@ def chorded(contraction, *, rtol=1e-12, most=4, start=1.0, fraction=1.0):
         return np.array([-corrections[k]])
 
     step = Step(np.zeros(1), fraction, residual(np.zeros(1)))
-    z, last = chords(residual, same, step, size, rtol, most)
+    z, last = chords(residual, same, step, size, rtol, **options)
     return z[0], last, ends
 
 
@@ -176,7 +176,7 @@ def test_chords_end_where_a_correction_is_within_the_tolerance():
     assert z == pytest.approx(ends[3]) and last == pytest.approx(0.125**2)
     z, last, ends = chorded(0.125, rtol=1.0)
     assert (z, last) == (1.0, 1.0)
-    assert chorded(0.125, rtol=0.125**4, most=4)[1] == np.inf
+    assert chorded(0.125, rtol=0.125**4)[1] == np.inf
     assert chorded(0.125, rtol=0.125**4, most=5)[1] == pytest.approx(0.125**4)
     # A shortened step has no chords.
     assert chorded(0.125, rtol=1.0, fraction=0.9)[:2] == (0.0, np.inf)
