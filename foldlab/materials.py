@@ -15,7 +15,8 @@ from foldlab.errors import InputError
 
 # Properties with a low and a high end, and the roles that must have them.
 REQUIRED = {"E": ("passive", "active"), "rho": ("passive", "active"), "contraction": ("active",)}
-OPTIONAL = ("strain",)
+# No prices are shipped.
+OPTIONAL = ("strain", "price")
 
 
 def read_materials(path: str | Path | None = None) -> pd.DataFrame:
@@ -34,13 +35,16 @@ def read_materials(path: str | Path | None = None) -> pd.DataFrame:
 def find_material(table: pd.DataFrame, name: str, role: str | None = None) -> str:
     """The name in the table of a material that may be called by another one, in any case.
 
-    ``role``: passive or active. Raises :class:`InputError` for a name that is not there, or is of
-    the other role.
+    A material's own name wins over other names of materials. ``role``: passive or active. Raises
+    :class:`InputError` for a name that is not there, or is of the other role.
     """
     wanted = _key(name)
-    for known, row in table.iterrows():
-        names = [known, *str(row.get("aliases", "")).split(";")]
-        if wanted in map(_key, names) and role in (None, row["role"]):
+    fitting = [row for row in table.iterrows() if role in (None, row[1]["role"])]
+    for known, _ in fitting:
+        if wanted == _key(str(known)):
+            return str(known)
+    for known, row in fitting:
+        if wanted and wanted in map(_key, str(row.get("aliases", "")).split(";")):
             return str(known)
     rows = table if role is None else table[table["role"] == role]
     listed = ", ".join(rows.index)

@@ -3,19 +3,22 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from contextlib import nullcontext
+from contextlib import ExitStack
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from foldlab.cli.outputs import output_folder
+from foldlab.cli.files import Files, make
+from foldlab.cli.outputs import new_folder, output_folder
+from foldlab.errors import InputError
 from foldlab.quantities import in_si, numbers
 from foldlab.terminal import Given, Json, NotReached, emit, note
 
 if TYPE_CHECKING:
     from foldlab.labels.label import Label
+    from foldlab.labels.run import Run
     from foldlab.labels.solver import SolverSource
     from foldlab.unit.check import Change
     from foldlab.unit.sized import Sized
@@ -85,6 +88,7 @@ def check(
     out: Annotated[Path, typer.Option("-o", "--out", help="Folder for results.")] = (
         Path("out/check")
     ),
+    files: Files = None,
     as_json: Json = False,
 ) -> None:
     """Will my unit fold under its weight, how sure is that, and what shall I change?
@@ -96,29 +100,33 @@ def check(
     from foldlab.labels.asked import Conditions, Effort
     from foldlab.labels.foldability import Thresholds
     from foldlab.labels.solver import SolverSource
-    from foldlab.unit.check import by_rod, confirmed, holds, uncertainty
+    from foldlab.unit.check import by_rod, confirmed
 
+    if quick and files is not None:
+        raise InputError("--files needs the solver's answer; leave --quick out")
     unit = made.unit(numbers(given.read()))
     source = SolverSource(
         Conditions(growth=growth), Effort(accuracy, timeout), thresholds=Thresholds(need=need)
     )
     source.unit(unit.groups)
-    with nullcontext() if quick else output_folder(out):
+    with ExitStack() as stack:
+        if not quick:
+            stack.enter_context(output_folder(out))
+        draft = None if files is None else stack.enter_context(new_folder(files))
         first = by_rod(unit, source)
         note(_first(first, quick))
-        answer: dict[str, Any] = {
-            "materials": dict(unit.materials),
-            "physical": dict(unit.physical),
-            "design": dict(unit.groups),
-            "rod": None if first is None else {"foldable": first.foldable, "reason": first.reason},
-            "over_materials": uncertainty(unit, source),
-            "holds": holds(unit, source),
-        }
+        answer = beforehand(unit, source, first)
         if not quick:
-            answer |= _solved(unit, source, out, pictures=not no_pictures)
-            label = answer.pop("label")
+            run, label = source.follow(unit.groups)
+            answer |= _solved(unit, source, run, label, out, pictures=not no_pictures)
             if label.foldable is False and first is not None:
                 answer["change"] = _told(confirmed(unit, source), unit)
+            if draft is not None:
+                told = readable(answer, unit)
+                answer["made"] = {
+                    "folder": str(files),
+                    **make(draft, unit, source, answer, told, run, out / "shapes.png"),
+                }
             from foldlab.unit.record import write_json
 
             write_json(out / "result.json", {**answer, "label": asdict(label)})
@@ -133,24 +141,46 @@ def check(
     if as_json:
         emit(answer, True)
     else:
-        emit(_readable(answer, unit), False)
+        emit(readable(answer, unit), False)
     if label.foldable is None:
         raise NotReached(f"{label.reason}; what there is is in {out}")
 
 
-def _solved(unit: Sized, source: SolverSource, out: Path, *, pictures: bool) -> dict[str, Any]:
-    """The solver's answer, and its files in ``out``."""
-    from foldlab.unit.check import strained
-    from foldlab.unit.record import clear, draw, summary, write_path
+def beforehand(unit: Sized, source: SolverSource, first: Label | None) -> dict[str, Any]:
+    """What is known of a unit before the solver is asked; ``first``: the rod's answer."""
+    from foldlab.unit.check import holds, uncertainty
 
-    run, label = source.follow(unit.groups)
-    result = summary(label, run, source)
+    return {
+        "materials": dict(unit.materials),
+        "physical": dict(unit.physical),
+        "design": dict(unit.groups),
+        "rod": None if first is None else {"foldable": first.foldable, "reason": first.reason},
+        "over_materials": uncertainty(unit, source),
+        "holds": holds(unit, source),
+    }
+
+
+def _solved(
+    unit: Sized, source: SolverSource, run: Run, label: Label, out: Path, *, pictures: bool
+) -> dict[str, Any]:
+    """The solver's answer, and its files in ``out``."""
+    from foldlab.unit.record import clear, draw, write_path
+
     clear(out)
     files = ["result.json"]
     if run.shapes:
         files += write_path(out, run)
         if pictures:
             files += draw(out, label, run, source, animate=False)
+    return afterwards(unit, source, run, label) | {"files": [str(out / name) for name in files]}
+
+
+def afterwards(unit: Sized, source: SolverSource, run: Run, label: Label) -> dict[str, Any]:
+    """What the solver says of a unit."""
+    from foldlab.unit.check import strained
+    from foldlab.unit.record import summary
+
+    result = summary(label, run, source)
     kept = (
         "foldable", "fold_angle", "need", "error_m1", "reason", "outcome", "stable", "topples",
         "events", "core_seconds",
@@ -160,8 +190,6 @@ def _solved(unit: Sized, source: SolverSource, out: Path, *, pictures: bool) -> 
         "confirmed": True,
         "strain": strained(unit, label.evidence),
         "change": None,
-        "files": [str(out / name) for name in files],
-        "label": label,
     }
 
 
@@ -196,7 +224,7 @@ def _quickly(answer: Mapping[str, Any]) -> dict[str, Any]:
     }
 
 
-def _readable(answer: Mapping[str, Any], unit: Sized) -> dict[str, Any]:
+def readable(answer: Mapping[str, Any], unit: Sized) -> dict[str, Any]:
     """The answer in a maker's words and units."""
     error = answer["error_m1"]
     sure = "" if error is None else f" ± {error * DEGREES:.1g}°"
@@ -224,6 +252,7 @@ def _readable(answer: Mapping[str, Any], unit: Sized) -> dict[str, Any]:
         "to change": change,
         "core_seconds": answer["core_seconds"],
         "files": ", ".join(answer["files"]),
+        **({"to make it": answer["made"]["folder"]} if "made" in answer else {}),
     }
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import errno
+import os
 import shutil
 import sqlite3
 import tempfile
@@ -73,6 +74,25 @@ def only_whole(path: Path, *, keep: Sequence[str] = ()) -> Iterator[None]:
             with suppress(OSError):
                 folder.rmdir()
         raise
+
+
+@contextmanager
+def new_folder(path: Path) -> Iterator[Path]:
+    """A draft beside ``path`` that becomes the folder ``path`` where the body ends well, and is
+    taken away where it fails.
+
+    Raises :class:`InputError` where there is something at ``path``, or nothing can be written.
+    """
+    if path.exists():
+        raise InputError(f"{path} is there already; give a new folder, or move it away")
+    with only_whole(path):
+        draft = path.with_name(f".{path.name}.{os.getpid()}")
+        draft.mkdir(parents=True)
+        try:
+            yield draft
+            draft.rename(path)
+        finally:
+            shutil.rmtree(draft, ignore_errors=True)
 
 
 def _try_writing(folder: Path, path: Path) -> None:

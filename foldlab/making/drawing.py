@@ -31,8 +31,10 @@ INK = {
 FILLS = {"passive": "#DCE5EE", "active": "#F2D3A8"}
 # What the plan view needs around it, and the frame with its title.
 LEFT, RIGHT, ABOVE, BELOW = 34.0, 38.0, 30.0, 28.0
-SIDE, TITLE, FRAME = 62.0, 30.0, 8.0
+SIDE, TITLE, FRAME = 50.0, 30.0, 8.0
 ARROW = 2.5
+ANCHORS = {"start": 0.0, "middle": 0.5, "end": 1.0}  # where words are held, of their width
+WIDEST = 1.17  # of Helvetica's widths, in fonts that stand in for it
 
 
 @dataclass(frozen=True)
@@ -74,6 +76,19 @@ class Drawing:
     title: str
     items: list[Line | Text] = field(default_factory=list)
 
+    @property
+    def box(self) -> tuple[float, float, float, float]:
+        """Low x and y, high x and y around the views and their dimensions."""
+        seen = [item for item in self.items if item.layer != "notes"]
+        points = [item.points for item in seen if isinstance(item, Line)]
+        for item in seen:
+            if isinstance(item, Text):
+                x = item.at[0] - WIDEST * item.width * ANCHORS[item.anchor]
+                up = (WIDEST * item.width, item.size)
+                points.append(np.array([(x, item.at[1]), np.add((x, item.at[1]), up)]))
+        low, high = (f(np.vstack(points), axis=0) for f in (np.min, np.max))
+        return float(low[0]), float(low[1]), float(high[0]), float(high[1])
+
     def of(self, layer: str) -> list[Line | Text]:
         """What is on a layer, in the order in which it is drawn."""
         return [item for item in self.items if item.layer == layer]
@@ -89,7 +104,7 @@ def draw(unit: Geometry, title: str, notes: Sequence[str] = ()) -> Drawing:
     middle = LEFT + (wide - LEFT - RIGHT) / 2
     plan = (middle, high - FRAME - ABOVE - unit.width * scale / 2)
     _plan(sheet, unit, plan)
-    _side(sheet, unit, (middle, plan[1] - unit.width * scale / 2 - BELOW - SIDE + 18.0))
+    _side(sheet, unit, (middle, plan[1] - unit.width * scale / 2 - BELOW - 34.0))
     _title(sheet, unit, notes)
     return sheet
 
@@ -181,8 +196,9 @@ def _side(sheet: Drawing, unit: Geometry, at: tuple[float, float]) -> None:
         [unit.thickness, unit.active_thickness], 1,
     )  # fmt: skip
     words = f"side view: length {said(k)}, thickness {said(t)}"
-    words += " (enlarged)" if t > k else " (reduced)" if t < k else ""
-    sheet.items.append(Text("notes", (x - long, y - 10), words, size=SMALL))
+    if t != k:
+        words += f" (enlarged {t / k:g} times)" if t > k else f" (reduced {k / t:g} times)"
+    sheet.items.append(Text("side view", (x - long, y - 10), words, size=SMALL))
 
 
 def _along(sheet, ends, features, line: float, size: float, beside: str = "right") -> None:

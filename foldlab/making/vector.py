@@ -7,7 +7,7 @@ from html import escape
 
 import numpy as np
 
-from foldlab.making.drawing import INK, LAYERS, Drawing, Line, Text
+from foldlab.making.drawing import ANCHORS, INK, LAYERS, Drawing, Line, Text
 
 FONT = "Helvetica, Arial, 'Liberation Sans', sans-serif"
 POINT = 72 / 25.4  # in a millimetre
@@ -90,7 +90,7 @@ def pdf(drawing: Drawing) -> bytes:
 def _pdf_item(item: Line | Text) -> str:
     ink = _rgb(INK[item.layer])
     if isinstance(item, Text):
-        x = item.at[0] - item.width * {"start": 0.0, "middle": 0.5, "end": 1.0}[item.anchor]
+        x = item.at[0] - item.width * ANCHORS[item.anchor]
         return (
             f"BT {ink} rg /F {_n(item.size)} Tf {_n(x)} {_n(item.at[1])} Td "
             f"{_pdf_text(item.words)} Tj ET"

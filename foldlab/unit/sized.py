@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 import pandas as pd
@@ -26,13 +26,16 @@ LOGARITHMIC = ("E_s", "E_i")
 class Sized:
     """``physical``: SI quantities by name (:data:`foldlab.design.PHYSICAL`); ``groups``: the full
     space's; ``ranges``: SI quantities that were not given, of which a material says low and high;
-    ``materials``: their names by role; ``strain``: low and high strain that they bear, by layer."""
+    ``materials``: their names by role; ``strain`` and ``price``: low and high strain that they bear
+    and price per kg, by layer; ``stimulus``: what drives the active layer, as its material says."""
 
     physical: Mapping[str, float]
     groups: Mapping[str, float]
     ranges: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     materials: Mapping[str, str] = field(default_factory=dict)
     strain: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+    price: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+    stimulus: str = ""
 
     def changed(self, **quantities: float) -> Sized:
         """With other SI quantities, all else the same; a hinge that was as wide as its panels stays
@@ -40,7 +43,7 @@ class Sized:
         physical = dict(self.physical) | quantities
         if "b_s" in quantities and self.physical["b_i"] == self.physical["b_s"]:
             physical["b_i"] = physical["b_s"]
-        return Sized(physical, _groups(physical), self.ranges, self.materials, self.strain)
+        return replace(self, physical=physical, groups=_groups(physical))
 
     def drawn(self, n: int, seed: int = 0) -> pd.DataFrame:
         """Groups (n rows) of units whose materials lie anywhere in their ranges, moduli evenly on a
@@ -81,14 +84,15 @@ def sized(
             raise InputError(f"{name} = {value:g}; expected a finite number above 0")
     physical = {name: float(value) for name, value in given.items() if name in PHYSICAL}
     groups = {name: float(value) for name, value in given.items() if name not in PHYSICAL}
-    ranges, names, strain = {}, {}, {}
+    ranges, names, strain, price = {}, {}, {}, {}
     for role, name in (("passive", passive), ("active", active)):
         if name is None:
             continue
         names[role] = find_material(table, name, role)
         row = table.loc[names[role]]
-        if np.isfinite(row["strain_low"]):
-            strain[role] = (float(row["strain_low"]), float(row["strain_high"]))
+        for known, column in ((strain, "strain"), (price, "price")):
+            if np.isfinite(row[f"{column}_low"]):
+                known[role] = (float(row[f"{column}_low"]), float(row[f"{column}_high"]))
         for quantity, column in OF_MATERIAL[role].items():
             if quantity in physical or _group_of(quantity) in groups:
                 continue
@@ -114,29 +118,31 @@ def sized(
     if groups:
         raise InputError(
             f"{', '.join(groups)}: a unit in SI units needs its scales beside its groups; give "
-            f"{' and '.join(_missing(physical)) or 'SI quantities instead'}"
+            f"{' and '.join(missing(physical)) or 'SI quantities instead'}"
         )
-    return Sized(physical, _groups(physical), ranges, names, strain)
+    stimulus = str(table.loc[names["active"], "stimulus"]) if "active" in names else ""
+    return Sized(physical, _groups(physical), ranges, names, strain, price, stimulus)
 
 
 def _group_of(quantity: str) -> str | None:
     return RATIOS[quantity][0] if quantity in RATIOS else None
 
 
-def _missing(physical: Mapping[str, float]) -> list[str]:
+def missing(physical: Mapping[str, float]) -> list[str]:
+    """SI quantities that a unit needs and that are not there."""
     needed = ("l_s", "b_s", "h_s", "l_i", "h_i", "E_s", "rho_s", "E_i", "rho_i", "contraction")
     return [name for name in needed if name not in physical]
 
 
 def _groups(physical: Mapping[str, float]) -> dict[str, float]:
-    if missing := _missing(physical):
+    if absent := missing(physical):
         materials = [
             f"--{role} MATERIAL"
             for role, quantities in OF_MATERIAL.items()
-            if any(name in missing for name in quantities)
+            if any(name in absent for name in quantities)
         ]
         raise InputError(
-            f"the unit lacks {', '.join(missing)}; add --set {missing[0]}=…"
+            f"the unit lacks {', '.join(absent)}; add --set {absent[0]}=…"
             + (f" or {' and '.join(materials)}" if materials else "")
         )
     for part, whole in (("l_i", "l_s"), ("b_i", "b_s")):

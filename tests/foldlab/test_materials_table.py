@@ -50,6 +50,16 @@ def test_a_table_of_ones_own_joins_and_replaces(tmp_path):
     assert find_material(table, "PET") == "polyester film"
 
 
+def test_a_name_of_ones_own_wins_over_other_names_of_shipped_materials(tmp_path):
+    own = tmp_path / "own.csv"
+    own.write_text(HEAD + "Gel,active,1e6,1e6,1000,1000,0.1,0.1\n")
+    table = read_materials(own)
+    assert find_material(table, "gel") == "Gel"
+    assert find_material(table, "PNIPAM") == "thermoresponsive hydrogel"
+    with pytest.raises(InputError, match="no material ''"):
+        find_material(table, "")
+
+
 @pytest.mark.parametrize(
     "row, words",
     [

@@ -26,7 +26,7 @@ ANSWER = {
 
 
 def readable(**changed):
-    return check._readable(ANSWER | changed, UNIT)
+    return check.readable(ANSWER | changed, UNIT)
 
 
 @pytest.mark.parametrize(

@@ -8,7 +8,7 @@ import pytest
 from made_units import UNITS
 
 from foldlab.errors import InputError
-from foldlab.making.drawing import LAYERS, Text, draw, millimetres, standard
+from foldlab.making.drawing import LAYERS, Line, Text, draw, millimetres, standard
 from foldlab.making.geometry import Geometry
 from foldlab.making.vector import pdf, svg
 
@@ -109,6 +109,8 @@ def test_words_overlap_nothing_and_stay_on_the_paper(name):
             y = item.at[1]
             boxes.append((item.words, x, y - 0.2 * item.size, x + wide, y + 0.75 * item.size))
     assert len(boxes) > 8
+    x0, y0, x1, y1 = drawing.box
+    assert x0 > 8 and y0 > 38 and x1 < drawing.size[0] - 8 and y1 < drawing.size[1] - 8
     for words, x0, y0, x1, y1 in boxes:
         assert x0 > 8 and y0 > 8 and x1 < drawing.size[0] - 8 and y1 < drawing.size[1] - 8, words
     for a, b in combinations(boxes, 2):
@@ -131,12 +133,12 @@ def test_paper_grows_and_then_a_standard_scale_is_stated(name, paper, scale):
 
 def test_the_side_view_says_by_what_thickness_is_enlarged():
     drawing = draw(UNITS["plain"], "unit")
-    sheet, active = (line.points for line in drawing.of("side view"))
+    sheet, active = (item.points for item in drawing.of("side view") if isinstance(item, Line))
     assert np.ptp(sheet, axis=0) == pytest.approx([40, 5]) and drawing.thick_scale == 50
     assert np.ptp(active, axis=0) == pytest.approx([10, 10])
     assert active[:, 1].min() == pytest.approx(sheet[:, 1].max())
-    says = [t.words for t in drawing.of("notes") if isinstance(t, Text)]
-    assert "side view: length 1:1, thickness 50:1 (enlarged)" in says
+    says = [t.words for t in drawing.of("side view") if isinstance(t, Text)]
+    assert "side view: length 1:1, thickness 50:1 (enlarged 50 times)" in says
 
 
 def test_scales_and_sizes_are_written_as_on_drawings():

@@ -6,6 +6,7 @@ from contextlib import contextmanager
 import numpy as np
 import pytest
 import trimesh
+from gmsh_mark import needs_gmsh
 from made_units import UNITS
 
 from foldlab.design import FULL, PATTERNED
@@ -75,6 +76,7 @@ def parts(unit):
 
 
 @pytest.mark.parametrize("name", UNITS)
+@needs_gmsh
 def test_a_flat_step_file_holds_a_named_solid_per_part(name, tmp_path, capfd):
     unit = UNITS[name]
     step.write_flat(tmp_path / "flat.step", unit)
@@ -146,6 +148,7 @@ def test_folded_stl_files_are_the_solvers_surface(folded):
     assert shape.middle[0] == pytest.approx(tip * (-1, 1, 1), abs=1e-6 * unit.length)
 
 
+@needs_gmsh
 def test_folded_step_solids_pass_through_the_solvers_nodes(folded, tmp_path, capfd):
     unit, run, shape = folded
     step.write_folded(tmp_path / "folded.step", unit, shape)
@@ -175,6 +178,7 @@ def test_folded_step_solids_pass_through_the_solvers_nodes(folded, tmp_path, cap
     assert active == pytest.approx(wanted["active"], rel=1e-2)
 
 
+@needs_gmsh
 def test_a_mesh_of_other_cells_makes_no_step_file(folded, tmp_path):
     unit, _, shape = folded
     other = Folded(shape.middle, shape.mesh.triangulate())
