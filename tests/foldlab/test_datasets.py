@@ -4,11 +4,12 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from foldlab.datasets import FOLDER, datasets, load_dataset
+from foldlab.datasets import FOLDER, card, datasets, load_dataset
 from foldlab.design import FULL
 from foldlab.errors import InputError
 from foldlab.labels.foldability import Thresholds
 from foldlab.learning.train import fit, train_on
+from foldlab.tables import write_table
 
 
 @pytest.fixture(scope="module")
@@ -80,6 +81,59 @@ def test_a_formula_learns_from_it_though_sagging_units_have_no_positive_angle(gr
 
 def test_an_unknown_name_is_told_what_there_is():
     assert "gravity-5k" in datasets()
-    with pytest.raises(InputError, match="no dataset 'gravity'; there are: gravity-5k"):
-        load_dataset("gravity")
+    with pytest.raises(InputError, match=r"no dataset 'weight'; there are: .*gravity-5k"):
+        load_dataset("weight")
     assert isinstance(load_dataset("gravity-5k"), pd.DataFrame)
+
+
+@pytest.fixture
+def pieces(tmp_path, monkeypatch):
+    """A dataset of two pieces, one per growth."""
+    monkeypatch.setattr("foldlab.datasets.FOLDER", tmp_path)
+    (tmp_path / "made").mkdir()
+    for growth, n, commit in (("uniaxial", 4, "abc"), ("isotropic", 2, "def")):
+        table = pd.DataFrame({
+            "growth": growth,
+            "part": (["test", "train", "validation", "train"] * 2)[:n],
+            "drawn": "hypercube",
+            "foldable": pd.array([True, None, False, True][:n], dtype="boolean"),
+            "outcome": ["folds", "timeout", "sags", "folds"][:n],
+            "error_estimate": [0.01, None, 0.03, 0.02][:n],
+            "core_seconds": [1.0, 30.0, 2.0, 1.0][:n],
+        })  # fmt: skip
+        made = {"commit": commit, "labels": n, "core_seconds": table["core_seconds"].sum()}
+        table.attrs["foldlab"] = made | {"version": "11"}
+        write_table(table, tmp_path / "made" / f"{growth}-000.parquet")
+
+
+def test_a_dataset_in_pieces_is_one_table(pieces):
+    table = load_dataset("made")
+    assert datasets() == ["made"] and len(table) == 6 and list(table.index) == list(range(6))
+    made = table.attrs["foldlab"]
+    assert made["labels"] == 6 and made["core_seconds"] == 34.0 + 31.0
+    assert made["commit"] == "def, abc" and made["version"] == "11" and len(made["pieces"]) == 2
+
+
+def test_its_parts_and_growths_can_be_asked_for(pieces):
+    train = load_dataset("made", growth="uniaxial", part="train")
+    assert list(train["outcome"]) == ["timeout", "folds"] and list(train.index) == [0, 1]
+    assert train.attrs["foldlab"]["labels"] == 6  # of the whole
+    with pytest.raises(InputError, match="growth 'both' is not in the dataset made; it has: iso"):
+        load_dataset("made", growth="both")
+    with pytest.raises(InputError, match="part 'validation' is not in the dataset made; it has: t"):
+        load_dataset("made", growth="isotropic", part="validation")
+
+
+def test_a_dataset_without_parts_says_so():
+    with pytest.raises(InputError, match="part 'test' is not in the dataset gravity-5k; it has: n"):
+        load_dataset("gravity-5k", part="test")
+
+
+def test_its_card_counts_what_it_holds(pieces):
+    text = card("made")
+    assert "## uniaxial: 4 labels" in text and "## isotropic: 2 labels" in text
+    assert "folds: 2, does not: 1, unknown: 1 (25.0 %); timeout: 1" in text
+    assert "median 1.50, mean 8.50" in text and "median 0.02, 90 % below 0.028" in text
+    assert "parts: test 1, train 2, validation 1" in text
+    assert "- commit: def, abc" in text and "Licence: MIT" in text and "version 11" in text
+    assert "pieces" not in text
