@@ -273,9 +273,11 @@ def _title(sheet: Drawing, unit: Geometry, notes: Sequence[str]) -> None:
         sheet.items.append(Line("notes", np.array(corners, float), True, THICK))
     left, right, top = FRAME + 4, wide - FRAME - 4, FRAME + TITLE
     lines = [(sheet.title, TEXT + 1), *((note, SMALL) for note in notes[:2])]
-    for k, (words, size) in enumerate(lines):
-        sheet.items.append(Text("notes", (left, top - 7 - 6 * k), words, size=size))
     facts = [f"scale {said(sheet.scale)}, {sheet.paper}", "all sizes in mm"]
+    room = right - left - WIDEST * max(extent(words, SMALL) for words in facts) - 4
+    for k, (words, size) in enumerate(lines):
+        words = _shortened(words, size, room)
+        sheet.items.append(Text("notes", (left, top - 7 - 6 * k), words, size=size))
     for k, words in enumerate(facts):
         sheet.items.append(Text("notes", (right, top - 7 - 6 * k), words, "end", SMALL))
     bar = right - 50.0
@@ -296,6 +298,15 @@ def _arrow(sheet, tip, towards) -> None:
     across = 0.4 * np.array([-t[1], t[0]])
     points = np.array([tip, back + across, back - across])
     sheet.items.append(Line("dimensions", points, True, 0.05, INK["dimensions"]))
+
+
+def _shortened(words: str, size: float, room: float) -> str:
+    """Words that fit into a width, with "…" for what does not."""
+    if WIDEST * extent(words, size) <= room:
+        return words
+    while words and WIDEST * extent(f"{words}…", size) > room:
+        words = words[:-1]
+    return f"{words.rstrip()}…"
 
 
 def extent(words: str, size: float) -> float:

@@ -15,14 +15,16 @@ from foldlab.making.geometry import Geometry
 
 HINGE, PANEL = 12, 4  # facets of the hinge and of each panel
 FLAT = 1e-6  # degrees below which a crease is flat
+PLANE = 0.02  # of the length: a mid-line that leaves its plane by more is twisted
 
 
 def fold(unit: Geometry, middle: np.ndarray | None = None, title: str = "") -> dict[str, Any]:
     """A FOLD file's content, lengths in mm.
 
     ``middle`` (n, 3): the folded sheet's mid-line, evenly spaced along the flat one, in mm. Without
-    it the creases are unassigned and there is no folded frame. With it the key
-    ``foldlab:departure`` of the folded frame says how far facets' ends are from the mid-line, mm.
+    it, and where it is twisted, which creases side by side cannot be, the creases are unassigned
+    and there is no folded frame. With it the key ``foldlab:departure`` of the folded frame says how
+    far facets' ends are from the mid-line, mm.
     """
     half, hinge = unit.length / 2, unit.hinge_length / 2
     stations = np.concatenate(
@@ -49,6 +51,12 @@ def fold(unit: Geometry, middle: np.ndarray | None = None, title: str = "") -> d
         "faces_vertices": faces,
     }
     if middle is None:
+        return out
+    if (off := float(np.abs(middle[:, 1]).max())) > PLANE * unit.length:
+        out["frame_description"] = (
+            f"no folded form: the unit twists, its mid-line leaves its plane by {off:.3g} mm, and "
+            "rigid facets between parallel creases cannot"
+        )
         return out
     places, angles, departure = _turned(stations, middle)
     # Creases lie at stations; vertices stand in columns over them.

@@ -86,6 +86,14 @@ class Dossier:
         return low, high
 
     @property
+    def reached(self) -> float | None:
+        """Contraction at which the folded shape is, where that is less than was asked for."""
+        if self.run is None or not self.run.history:
+            return None
+        last = self.run.history[-1]["contraction"]
+        return last if last < self.unit.physical["contraction"] * (1 - 1e-6) else None
+
+    @property
     def title(self) -> str:
         """Its size in a few words."""
         g = self.geometry
@@ -167,6 +175,7 @@ def _facts(dossier: Dossier) -> dict[str, Any]:
         "ranges": {name: list(ends) for name, ends in unit.ranges.items()},
         "mass": {**dossier.masses, "total": sum(dossier.masses.values())},
         "cost": dossier.cost,
+        "contraction_reached": dossier.reached,
         "answer": {k: v for k, v in dossier.answer.items() if k not in ELSEWHERE},
         "files": [name for name in FILES if name not in dossier.missing],
         "missing": dict(dossier.missing),

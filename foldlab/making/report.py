@@ -85,13 +85,18 @@ def _facts(dossier: Dossier) -> dict[str, str]:
         f"{_weight(sheet + active)} (sheet {_weight(sheet)}, active layer {_weight(active)})"
     )
     if dossier.cost is None:
-        out["material cost"] = "no prices known (price_low, price_high per kg in --materials)"
+        out["material cost"] = "needs price_low and price_high per kg of both, in --materials"
     else:
         low, high = dossier.cost
         cost = f"{low:.3g}" if low == high else f"{low:.3g} to {high:.3g}"
         out["material cost"] = f"{cost}, by your prices per kg; without scrap and labour"
     if dossier.unit.stimulus:
         out["stimulus"] = dossier.unit.stimulus
+    if dossier.reached is not None:
+        out["folded shape"] = (
+            f"that at {100 * dossier.reached:.3g} % contraction, where the path ended, not at "
+            f"{100 * dossier.unit.physical['contraction']:.3g} %"
+        )
     out["confirmed"] = _confirmed(dossier)
     return out
 

@@ -125,7 +125,7 @@ class _Grid:
             order = np.sort(values)
             kept = order[np.concatenate([[True], np.diff(order) > tolerance])]
             self.lines.append(kept)
-            places.append(np.abs(values[:, None] - kept).argmin(axis=1))
+            places.append(np.searchsorted(kept, values - tolerance))
         self._at = np.full([len(line) for line in self.lines], -1)
         self._at[tuple(places)] = np.arange(len(flat))
         self._nodes, self._tolerance = folded.nodes, tolerance

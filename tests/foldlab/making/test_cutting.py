@@ -128,3 +128,14 @@ def test_creases_turn_by_the_angles_that_the_file_states(name):
 def test_without_a_folded_shape_creases_are_unassigned():
     (frame,) = frames_of(json.dumps(fold(UNITS["plain"])))
     assert set(frame["edges_assignment"]) == {"B", "U"} and "edges_foldAngle" not in frame
+
+
+def test_a_twisted_unit_has_no_folded_frame_and_says_why():
+    unit = UNITS["plain"]
+    middle = bent(unit, 1.0)
+    straight = middle + np.linspace(-0.5, 0.5, len(middle))[:, None] * (0, 1, 0)
+    assert len(frames_of(json.dumps(fold(unit, straight)))) == 2
+    twisted = middle + np.linspace(-4, 4, len(middle))[:, None] * (0, 1, 0)
+    (frame,) = frames_of(json.dumps(fold(unit, twisted)))
+    assert "twists, its mid-line leaves its plane by 4 mm" in frame["frame_description"]
+    assert "edges_foldAngle" not in frame

@@ -118,6 +118,16 @@ def test_words_overlap_nothing_and_stay_on_the_paper(name):
         assert apart, f"{a[0]!r} lies over {b[0]!r}"
 
 
+def test_long_names_are_cut_where_the_title_block_ends():
+    unit = Geometry(130.0, 120.0, 0.1, 10.0, 10.0, 0.2)  # on a portrait page
+    drawing = draw(unit, "unit", ["passive: " + "a film of a long name " * 20, "short"])
+    wide, _ = drawing.size
+    words = [t for t in drawing.of("notes") if isinstance(t, Text)]
+    (cut,) = [t for t in words if t.words.endswith("…")]
+    assert cut.at[0] + 1.17 * cut.width < wide - 8 - 4 - 20 and len(cut.words) > 60
+    assert "short" in [t.words for t in words]
+
+
 @pytest.mark.parametrize(
     "name, paper, scale", [("small", "A4", 20), ("large", "A2", 1), ("huge", "A4", 0.05)]
 )

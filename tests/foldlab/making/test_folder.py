@@ -134,6 +134,17 @@ def test_what_cannot_be_written_is_told_and_the_rest_is_there(dossier, tmp_path,
     assert any("not written: No module named 'ezdxf'" in w for w in words)
 
 
+def test_a_path_that_ended_early_is_no_folded_shape_without_a_word(dossier, tmp_path):
+    history = [dict(row) for row in dossier.run.history]
+    history[-1]["contraction"] = 0.123
+    early = replace(dossier, run=replace(dossier.run, history=history))
+    assert dossier.reached is None and early.reached == 0.123
+    write(tmp_path, early)
+    assert json.loads((tmp_path / "unit.json").read_text())["contraction_reached"] == 0.123
+    words = " ".join(Page((tmp_path / "report.html").read_text()).words)
+    assert "that at 12.3 % contraction, where the path ended, not at 20 %" in words
+
+
 def test_without_a_run_there_is_no_folded_shape_and_no_price_is_made_up(tmp_path):
     unit = sized(SIZES, read_materials(), "PET", "SMP")
     answer = {"foldable": None}
@@ -143,7 +154,7 @@ def test_without_a_run_there_is_no_folded_shape_and_no_price_is_made_up(tmp_path
         "folded.step", "folded-passive.stl", "folded-active.stl"
     }  # fmt: skip
     words = " ".join(Page((tmp_path / "report.html").read_text()).words)
-    assert "Unknown" in words and "no prices known" in words
+    assert "Unknown" in words and "needs price_low and price_high per kg of both" in words
     assert json.loads((tmp_path / "unit.json").read_text())["cost"] is None
     assert "file_frames" not in json.loads((tmp_path / "unit.fold").read_text())
 
