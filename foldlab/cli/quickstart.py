@@ -85,10 +85,8 @@ def run(settings: Settings, out: Path, say: Callable[[str], None]) -> dict[str, 
             propose(wish, comparison.models[best], settings.proposals, seed=seed), source
         )
         confirmed = answer.confirmed_fraction
-        say(
-            f"designs  {len(answer.proposals)} proposed at slenderness 0.01, "
-            f"{confirmed:.0%} confirmed"
-        )
+        told = answer.reason if confirmed is None else f"{confirmed:.0%} confirmed"
+        say(f"designs  {len(answer.proposals)} proposed at slenderness 0.01, {told}")
         import pandas as pd
 
         table = pd.DataFrame(comparison.rows)

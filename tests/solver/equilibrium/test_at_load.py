@@ -112,3 +112,14 @@ def test_a_step_that_turns_the_body_inside_out_is_halved_until_it_does_not():
     step = Mixed(scene, 0.0, 1e-8).step(SimpleNamespace(unstable=0), None, z, dz, 1.0)
     assert step.fraction == 0.5
     assert step.z == pytest.approx(dz / 2)
+
+
+@pytest.mark.parametrize(("halvings", "taken"), [(7, True), (8, False)])
+def test_a_step_is_halved_seven_times_at_most(halvings, taken):
+    scene = hinge()
+    mixed, z = Mixed(scene, 0.0, 1e-8), np.zeros(scene.size)
+    dz = scene.unknowns(np.outer(scene.body.nodes[:, 1], [0.0, 0.0, 0.5]))
+    most = mixed.size(dz) * 0.5**halvings * (1 + 1e-9)
+    mixed.residual = lambda there: there if mixed.size(there) <= most else None
+    step = mixed.step(SimpleNamespace(unstable=0), None, z, dz, 1.0)
+    assert step.fraction == 0.5**halvings if taken else step is Outcome.INADMISSIBLE

@@ -52,6 +52,15 @@ def test_steps_begin_as_told_double_at_most_and_end_on_the_full_load():
     assert not history[:, kernel.SNAP].any()
 
 
+@pytest.mark.parametrize(
+    ("step", "loads"), [(0.24, [0, 0.24, 0.48, 0.72, 1]), (0.3, [0, 0.3, 0.6, 0.9, 1])]
+)
+def test_a_last_step_is_no_sliver(step, loads):
+    # What would remain is less than three tenths of a step, or it is more.
+    history = walked((step, step, 1e-4, 1e-8, 3.0), curvature=1.0)[1]
+    assert history[:, kernel.LOAD] == pytest.approx(loads)
+
+
 def test_a_path_ends_where_its_states_or_its_turn_do():
     ending, history, *_ = walked((0.05, 0.1, 1e-4, 1e-8, 0.3), states=4)
     assert ending == kernel.TOO_LONG and len(history) == 4
@@ -71,8 +80,10 @@ def test_a_step_that_turns_too_far_is_halved_and_not_called_a_jump():
         assert history[-1, column] == pytest.approx(gentle[column], abs=1e-6)
 
 
-def test_the_history_tells_the_shape_that_the_path_ended_in():
-    _, history, iterations, (x, rods, nodes, ground) = walked((0.05, 0.1, 1e-4, 1e-8, 0.3))
+@pytest.mark.parametrize("gamma", [20.0, 400.0])
+def test_the_history_tells_the_shape_that_the_path_ended_in(gamma):
+    rules = (0.05, 0.1, 1e-4, 1e-8, 0.3)
+    _, history, iterations, (x, rods, nodes, ground) = walked(rules, gamma=gamma)
     angles = np.concatenate([[0.0], np.cumsum(x[1:])])
     heights = x[0] + np.concatenate(
         [[0.0], np.cumsum(rods[:, kernel.STRETCHED] * np.sin(angles[:-1] + x[1:] / 2))]
@@ -81,7 +92,9 @@ def test_the_history_tells_the_shape_that_the_path_ended_in():
     assert last[kernel.TIP_ANGLE] == pytest.approx(angles[-1])
     assert last[kernel.HINGE_ANGLE] == pytest.approx(angles[10])
     assert last[kernel.TIP] == pytest.approx(heights[-1])
-    assert last[kernel.LOWEST] == pytest.approx(heights.min())
+    assert last[kernel.LOWEST] == pytest.approx(heights.min(), abs=1e-12)
+    # Where much weight lies beside it the middle is not the lowest.
+    assert (heights.argmin() > 0) == (gamma > 100)
     assert len(history) < iterations < 15 * len(history)
     # At rest on the ground, which bears all of it: forces balance.
     assert np.abs(gradient(x, rods, nodes, ground)).max() < 1e-5
@@ -127,10 +140,10 @@ def hinged_gradient(x, rods, nodes, ground):
     return differences(lambda y: kernel.energy(y, rods, nodes, ground, shape), x, 1e-5)
 
 
-def settled(x, rods, nodes, ground):
+def settled(x, rods, nodes, ground, most=200):
     n = len(x)
     shape, work, gains = np.zeros((6, n)), np.zeros((3, n)), np.zeros((n, 3))
-    return kernel.settle(x, rods, nodes, ground, shape, work, gains, 1e-9, 200)
+    return kernel.settle(x, rods, nodes, ground, shape, work, gains, 1e-9, most)
 
 
 def test_what_a_node_has_turned_by_is_told_from_where_it_began():
@@ -150,7 +163,8 @@ def test_a_saddle_is_left_for_a_state_that_is_stable(load, leaves):
     x = np.zeros(31)
     assert settled(x, rods, nodes, ground)[0] > 0
     nodes[:, kernel.OFFSET] = load * np.pi**2 * nodes[:, kernel.AREA]
-    used, _, moved = settled(x, rods, nodes, ground)
-    assert used > 0 and (moved > 0.1) is leaves
+    # Of roundoff alone it would take thrice as long.
+    used, _, moved = settled(x, rods, nodes, ground, most=30)
+    assert used > 0 and (moved > 0.1) is leaves, used
     assert np.abs(gradient(x, rods, nodes, ground)).max() < 1e-6
     assert np.linalg.eigvalsh(dense(x, rods, nodes, ground))[0] > 0
