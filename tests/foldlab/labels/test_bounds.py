@@ -29,7 +29,7 @@ ROW = {
 }  # fmt: skip
 
 
-def a_run(*rows, ending=Ending.REACHED, closed=False, growth="uniaxial"):
+def a_run(*rows, ending=Ending.REACHED, closed=False, growth="uniaxial", size=321):
     """A path of given states that the solver need not find."""
     history = [ROW | row for row in rows]
     curves = np.arange(12000.0).reshape(4, 1000, 3)
@@ -38,7 +38,7 @@ def a_run(*rows, ending=Ending.REACHED, closed=False, growth="uniaxial"):
     folding = SimpleNamespace(
         ending=ending, detail=ending.value, happenings=(), last=state, iterations=7,
         states=(state,) * len(rows), model=SimpleNamespace(
-            heavy=True, growth=growth, scene=SimpleNamespace(size=321), unit=unit,
+            heavy=True, growth=growth, scene=SimpleNamespace(size=size), unit=unit,
             meshing=SimpleNamespace(curls=False),
         ),
     )  # fmt: skip
@@ -314,3 +314,47 @@ def test_what_folds_and_breaks_does_not_fold(peak, foldable, outcome):
     assert ("nothing breaks" in reason) == (foldable is True)
     assert source._borne(None, "so", evidence) == (None, "so", "folds")
     assert SolverSource()._borne(True, "so", evidence) == (True, "so", "folds")
+
+
+# -- meshes ----------------------------------------------------------------------------------------
+
+NEED = 0.25 * np.pi
+
+
+@pytest.mark.parametrize(
+    ("m1", "offs", "accuracy", "size", "levels", "error"),
+    [
+        (2.0, (1e-3,), 0.02, 321, 1, 9e-3),  # two meshes agree
+        (2.0, (0.1, 1e-3), 0.02, 321, 2, 0.025),  # a third one, and no fourth, though it is off
+        (0.8, (0.1, 1e-3, 1e-3), 0.02, 321, 3, 2e-3),  # but where the verdict hangs on it
+        (0.8, (0.1, 0.01, 1e-3), 0.02, 321, 3, 2.5e-3),
+        (0.8, (1e-3,), 0.02, 321, 1, 9e-3),  # known as well as was asked for
+        (2.0, (0.1,), 0.02, 6001, 1, 0.13),  # too large to be refined
+        (2.0, (0.1, 1e-3), 0.02, 6000, 2, 0.025),
+        (0.8, (0.1, 1e-3, 1e-3), 0.02, 18000, 3, 2e-3),  # larger where the verdict hangs on it
+        (0.8, (0.1,), 0.02, 18003, 1, 0.13),
+        (2.0, (1e-3,), 0.01, 321, 1, 9e-3),
+        (2.0, (1e-3, 1e-3), 9.9e-3, 321, 2, 5.5e-3),  # the path's mesh counts for nothing
+        (2.0, (1e-3, 1e-3, 1e-3), 5e-3, 321, 3, 2e-3),
+        (2.0, (0.1, 1e-3), 5e-3, 20001, 1, 0.13),
+    ],
+)
+def test_meshes_are_refined_until_two_agree_as_well_as_was_asked_for(
+    m1, offs, accuracy, size, levels, error, monkeypatch
+):
+    run, asked = a_run({"m1": m1}, size=size), []
+
+    def refined(self, before, level, deadline, thorough=True):
+        asked.append(level)
+        return run, Errors(offs[level - 1], 0.0)
+
+    monkeypatch.setattr(SolverSource, "run", lambda self, groups, level=1, **limits: run)
+    monkeypatch.setattr(SolverSource, "_refined", refined)
+    monkeypatch.setattr(SolverSource, "_peaks", lambda self, run, before=None: {})
+    label = SolverSource(effort=Effort(accuracy)).label(DESIGN)
+    assert asked == list(range(1, levels + 1))
+    e = label.evidence
+    assert e["error_estimate"] == pytest.approx(error)
+    assert (e["levels"], e["error_basis"]) == (levels + 1, "measured")
+    sure = error <= accuracy or error * max(m1, NEED) < m1 - NEED
+    assert label.foldable is (True if sure else None)

@@ -97,8 +97,13 @@ def test_rigid_motions_are_held_but_for_those_that_the_ground_resists(
     held = _held(body, supports, heavy, np.zeros_like(body.nodes))
     modes = [np.broadcast_to(k, body.nodes.shape) for k in np.eye(3)]
     modes += [np.cross(k, body.nodes) for k in np.eye(3)]
-    kept = []
+    kept, bare = [], []
     for mode in modes:
+        bare.append(
+            np.concatenate(
+                [mode[s.nodes] @ np.asarray(s.direction, float) for s in held["fixed"]] or [[0.0]]
+            )
+        )
         kept.append(
             np.concatenate([
                 *((mode[s.nodes] @ np.asarray(s.direction, float)) for s in held["fixed"]),
@@ -112,6 +117,9 @@ def test_rigid_motions_are_held_but_for_those_that_the_ground_resists(
     rank = np.linalg.matrix_rank(np.array(kept), tol=1e-9)
     # On the ground it may rise, and tip over unless it is held upright.
     assert rank == 6 - heavy * (1 + (not upright) * tips)
+    # A row holds what nothing else does.
+    rows = len(held["rows"])
+    assert np.linalg.matrix_rank(np.array(bare), tol=1e-9) + rows == rank
     if heavy:
         up = np.array(kept)[2]
         assert np.abs(up).max() < 1e-12
