@@ -260,15 +260,16 @@ def _local_uri() -> str:
 
 def commit() -> str:
     """The commit of the source tree, with ``-dirty`` where files differ from it; or ``unknown``."""
+    here = Path(__file__)
+
+    def git(*words: str) -> str:
+        options = {"capture_output": True, "text": True, "check": True, "timeout": 10}
+        return subprocess.run(["git", *words], cwd=here.parent, **options).stdout.strip()
+
     try:
-        return subprocess.run(
-            ["git", "describe", "--always", "--dirty", "--abbrev=12", "--exclude=*"],
-            cwd=Path(__file__).parent,
-            capture_output=True,
-            text=True,
-            check=True,
-            timeout=10,
-        ).stdout.strip()
+        # An installed copy may lie in the folder of another project.
+        git("ls-files", "--error-unmatch", here.name)
+        return git("describe", "--always", "--dirty", "--abbrev=12", "--exclude=*")
     except (OSError, subprocess.SubprocessError):
         return "unknown"
 

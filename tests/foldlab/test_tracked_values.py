@@ -48,7 +48,11 @@ def test_the_commit_is_of_the_source_tree_and_tells_where_files_differ(tmp_path,
     git("init")
     (tmp_path / "a.txt").write_text("1")
     git("add", "a.txt")
-    git("commit", "-m", "one")
+    git("commit", "-m", "another project, in whose folder the package is installed")
+    (tmp_path / "tracking.py").touch()
+    assert tracking.commit() == "unknown"
+    git("add", "tracking.py")
+    git("commit", "-m", "the package itself")
     git("tag", "-a", "v1", "-m", "a name says less than the commit")
     hashed = git("rev-parse", "HEAD")[:12]
     assert tracking.commit() == hashed
