@@ -113,7 +113,7 @@ def test_what_stays_ends_at_the_first_value_that_changes_it(monkeypatch):
     def scanned(unit, source, name, factors):
         up = factors[0] > 1
         if name == "h_i":
-            return [(1.1, folds), (1.2, not_), (1.3, folds)] if up else [(0.9, folds)]
+            return [(1.1, folds), (1.2, not_), (1.3, not_), (1.4, folds)] if up else [(0.9, folds)]
         return [(0.8, Label({}, None, ""))] if name == "l_s" and not up else []
 
     monkeypatch.setattr(check, "_scanned", scanned)
