@@ -135,6 +135,15 @@ def test_leaves_of_a_biased_tree_can_be_mixed(w):
     assert (least >= 10) == (w != 1)
 
 
+@pytest.mark.parametrize("name", sorted(set(MODELS) - {"symbolic"}))
+def test_no_model_is_biased_unless_it_is_told_to_be(name):
+    plain, told, biased = (
+        make_classifier(name, REDUCED, **weight)
+        for weight in ({}, {"false_positive_weight": 1.0}, {"false_positive_weight": 2.0})
+    )
+    assert repr(plain) == repr(told) != repr(biased)
+
+
 def test_boosting_uses_all_labels_and_trees():
     X, t = labelled(400, 0)
     model = make_classifier("boosted", REDUCED, max_iter=7).fit(X, t)
