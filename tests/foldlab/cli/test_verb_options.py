@@ -157,9 +157,9 @@ def test_a_study_tells_its_front_by_the_seconds_that_it_takes(foldlab, monkeypat
 # -- quickstart ------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("proposed", [3, 0])
+@pytest.mark.parametrize(("proposed", "sizes"), [(3, (40, 30, 20)), (0, (30, 30, 30))])
 def test_the_quickstart_trains_tests_and_compares_on_designs_of_their_own(
-    proposed, tmp_path, monkeypatch
+    proposed, sizes, tmp_path, monkeypatch
 ):
     logged, said = [], []
     models = {"tree": "a tree", "network": "a network"}
@@ -205,9 +205,8 @@ def test_the_quickstart_trains_tests_and_compares_on_designs_of_their_own(
     }.items():  # fmt: skip
         monkeypatch.setattr(quickstart, name, fake)
     settings = quickstart.Settings(
-        n_train=40, n_test=30, n_fresh=20, map_points=50, symbolic_seconds=2.0, proposals=4,
-        seed=3, models=("tree", "network"),
-    )  # fmt: skip
+        *sizes, map_points=50, symbolic_seconds=2.0, proposals=4, seed=3, models=("tree", "network")
+    )
     out = tmp_path / "deep" / "q"
     result = quickstart.run(settings, out, said.append)
     assert seen["tracked"] == ("quickstart", asdict(settings), 3)
@@ -215,7 +214,7 @@ def test_the_quickstart_trains_tests_and_compares_on_designs_of_their_own(
     assert (names, space, seed) == (("tree", "network"), REDUCED, 3)
     assert options["symbolic"]["constraints"].seconds == 2.0
     sets = [table[REDUCED.names].to_numpy() for table in seen["sets"]]
-    assert [len(rows) for rows in sets] == [40, 30, 20]
+    assert tuple(len(rows) for rows in sets) == sizes
     assert len(np.unique(np.vstack(sets), axis=0)) == 90
     # What it does best on designs that it never saw is mapped, kept and asked.
     assert seen["mapped"] == ("a network", 50)
@@ -233,4 +232,4 @@ def test_the_quickstart_trains_tests_and_compares_on_designs_of_their_own(
     kept = pd.read_csv(out / "comparison.csv")
     assert kept["model"].tolist() == ["tree", "network"]
     with LabelStore(out / "labels.db", mode="read") as store:
-        assert store.export(tmp_path / "l.csv") == 40
+        assert store.export(tmp_path / "l.csv") == sizes[0]
