@@ -4,7 +4,6 @@ from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
-import pandas as pd
 import pytest
 
 from foldlab.cli.outputs import trouble
@@ -14,6 +13,7 @@ from foldlab.labels.asked import Conditions, Effort
 from foldlab.labels.label import Label
 from foldlab.labels.solver import SolverSource
 from foldlab.labels.timoshenko import fold_angle, lift_off_stiffness, weight_turning
+from foldlab.materials import read_materials
 from foldlab.unit import check, why
 from foldlab.unit.sized import sized
 
@@ -21,16 +21,20 @@ SIZES = {
     "l_s": 0.04, "b_s": 0.01, "h_s": 1e-4, "h_i": 2e-4, "l_i": 0.01, "contraction": 0.25,
     "E_s": 3e9, "rho_s": 1380.0, "E_i": 3e7, "rho_i": 1100.0,
 }  # fmt: skip
-TABLE = pd.DataFrame(
-    {
-        "role": ["active", "passive"], "aliases": ["", ""], "E_low": [1e6, 2e9],
-        "E_high": [4e6, 2e9], "rho_low": [1000.0, 1200.0], "rho_high": [1400.0, 1200.0],
-        "contraction_low": [0.1, np.nan], "contraction_high": [0.3, np.nan],
-        "strain_low": [np.nan, 0.02], "strain_high": [np.nan, 0.04],
-    },
-    index=["gel", "slate"],
-)  # fmt: skip
+OWN = """\
+name,role,E_low,E_high,rho_low,rho_high,contraction_low,contraction_high,strain_low,strain_high
+gel,active,1e6,4e6,1000,1400,0.1,0.3,,
+slate,passive,2e9,2e9,1200,1200,,,0.02,0.04
+"""
+TABLE = read_materials()
 SOURCE = SolverSource(Conditions(), Effort(0.05))
+
+
+@pytest.fixture
+def table(tmp_path):
+    """The shipped materials and two of one's own."""
+    (tmp_path / "own.csv").write_text(OWN)
+    return read_materials(tmp_path / "own.csv")
 
 
 # -- sizes -----------------------------------------------------------------------------------------
@@ -40,9 +44,9 @@ def bare(*names):
     return {name: value for name, value in SIZES.items() if name not in names}
 
 
-def test_a_material_gives_the_middle_of_what_it_leaves_open_and_the_rest_exactly():
+def test_a_material_gives_the_middle_of_what_it_leaves_open_and_the_rest_exactly(table):
     given = bare("E_s", "rho_s", "E_i", "rho_i", "contraction")
-    unit = sized(given, TABLE, "slate", "gel")
+    unit = sized(given, table, "slate", "gel")
     middle = {"E_s": 2e9, "rho_s": 1200.0, "E_i": 2e6, "rho_i": 1200.0, "contraction": 0.2}
     assert {name: unit.physical[name] for name in middle} == pytest.approx(middle)
     assert unit.ranges == {"E_i": (1e6, 4e6), "rho_i": (1000, 1400), "contraction": (0.1, 0.3)}
@@ -124,8 +128,8 @@ def test_what_stays_ends_at_the_first_value_that_changes_it(monkeypatch):
     assert check.holds(UNIT, SOURCE) is None
 
 
-def test_nine_of_ten_units_turn_by_what_lies_between_the_ends(monkeypatch):
-    unit = sized(bare("E_i"), TABLE, None, "gel")
+def test_nine_of_ten_units_turn_by_what_lies_between_the_ends(table, monkeypatch):
+    unit = sized(bare("E_i"), table, None, "gel")
     labels = [Label({}, k >= 25, "", {"m1": float(k)}) for k in range(101)]
     monkeypatch.setattr(check, "_labels", lambda rod, designs: labels[: len(designs)])
     over = check.uncertainty(unit, SOURCE, 101)
