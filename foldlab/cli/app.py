@@ -20,11 +20,11 @@ import foldlab
 from foldlab.cli import label_verbs
 from foldlab.cli.check import check, materials
 from foldlab.cli.design import design
-from foldlab.cli.outputs import check_file, only_whole, output_folder, trouble
+from foldlab.cli.maps import map_
+from foldlab.cli.outputs import only_whole, output_folder, trouble
 from foldlab.cli.simulate import simulate
 from foldlab.design import space_named, space_of
 from foldlab.errors import InputError
-from foldlab.quantities import numbers
 from foldlab.settings import build
 from foldlab.tables import read_table, write_table
 from foldlab.terminal import Given, Json, NotReached, Seed, Space, Workers, emit, note, with_records
@@ -140,45 +140,6 @@ def score(
     table, unknown = known_labels(read_table(labels), space_named(card["space"]))
     result = scores(fitted, table.drop(columns="foldable"), table["foldable"])
     emit({"model": card["model"], **result, "unknown": unknown}, as_json)
-
-
-def map_(
-    *,
-    model: Annotated[Path, typer.Argument(help="Folder of a trained model.")],
-    out: Annotated[Path, typer.Option("-o", "--out", help="Picture (.png, .pdf, .svg).")],
-    against: Annotated[
-        str | None, typer.Option("--against", help="Validate against this label source.")
-    ] = None,
-    x: Annotated[str, typer.Option(help="Group on the x axis.")] = "E_ratio",
-    y: Annotated[str, typer.Option(help="Group on the y axis.")] = "h_ratio",
-    slices: Annotated[str, typer.Option("--slice", help="Group that the panels step through.")] = (
-        "slenderness"
-    ),
-    points: Annotated[int, typer.Option(min=1, help="Points in all panels together.")] = 100_000,
-    given: Given,
-    as_json: Json = False,
-) -> None:
-    """Draw a regime map (Figs. 4.28, 4.29); --set fixes the groups that are not on an axis."""
-    from foldlab.labels.solver import make_source
-    from foldlab.learning.saving import load_model
-    from foldlab.maps.plots import plot_regimes
-    from foldlab.maps.regimes import regime_map
-    from foldlab.plots import FORMATS, save_figure
-
-    check_file(out, FORMATS)
-    fitted, card = load_model(model)
-    space = space_named(card["space"])
-    regime = regime_map(
-        fitted,
-        space=space,
-        axes=(x, y),
-        slice_by=slices,
-        fixed=numbers(given.read()),
-        points=points,
-        source=make_source(against, space=space) if against is not None else None,
-    )
-    save_figure(plot_regimes(regime), out)
-    emit({**regime.summary(), "file": out}, as_json)
 
 
 def augment(

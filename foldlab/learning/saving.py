@@ -34,6 +34,7 @@ from foldlab.learning.operating_point import with_threshold
 # Format 1 named classes by modules that are gone.
 FORMAT = 2
 CARD = "model.json"
+SHIPPED = Path(__file__).parents[1] / "data" / "models"
 TRUSTED = frozenset(
     {
         "foldlab.learning.models.DistilledTree",
@@ -117,13 +118,34 @@ def save_model(
     return target
 
 
+def shipped() -> dict[str, Path]:
+    """Names and folders of the models that come with foldlab."""
+    return {path.parent.name: path.parent for path in sorted(SHIPPED.glob(f"*/{CARD}"))}
+
+
+def shipped_for(space: str, task: str = "folds") -> str:
+    """The name of the shipped model that answers ``task`` in a space; :class:`InputError` where
+    there is none."""
+    for name, folder in shipped().items():
+        made = read_card(folder)
+        if made["space"] == space and made["metadata"].get("task", "folds") == task:
+            return name
+    raise InputError(
+        f"no model for the {space} space is shipped; train one with `foldlab train` and give its "
+        "folder"
+    )
+
+
 def load_model(directory: str | Path) -> tuple[Any, dict]:
     """``(model, card)`` as saved; the model answers as it did before saving.
 
-    ``card`` is the content of ``model.json``. Raises :class:`InputError` where the directory is
+    ``directory``: a folder, or the name of a shipped model. ``card`` is the content of
+    ``model.json``. Raises :class:`InputError` where the directory is
     missing, no model, damaged, of another format, or holds types that are not trusted.
     """
     directory = Path(directory)
+    if not directory.exists():
+        directory = shipped().get(str(directory), directory)
     card = read_card(directory)
     for name, digest in card["files"].items():
         if Path(name).name != name or not (directory / name).is_file():

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import matplotlib as mpl
 import numpy as np
 import pandas as pd
@@ -9,6 +11,7 @@ from matplotlib.colors import BoundaryNorm, ListedColormap
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
+from matplotlib.patheffects import Normal, Stroke
 from matplotlib.ticker import NullLocator
 
 from foldlab.design import DesignSpace
@@ -32,6 +35,7 @@ def plot_regimes(
     *,
     validated: bool | None = None,
     points: pd.DataFrame | None = None,
+    contours: Sequence[float] = (),
     title: str | None = None,
 ) -> Figure:
     """Panels of a regime map, one per slice: predicted (Fig. 4.28) or validated (Fig. 4.29).
@@ -39,7 +43,8 @@ def plot_regimes(
     ``validated``: colour by verdict; by default wherever the map has truth. The source's own
     boundary is a black line where the source gave margins. ``points``: verified designs (columns:
     groups, and ``foldable`` as true, false or missing) drawn over the slice nearest to each, white
-    for folding, black for not, crossed for unknown; fixed groups are not compared. Raises
+    for folding, black for not, crossed for unknown; fixed groups are not compared. ``contours``:
+    probabilities to draw as thin lines. A source beside the map is a dashed line. Raises
     :class:`InputError` when asked for a validation that the map lacks.
     """
     validated = regime.truth is not None if validated is None else validated
@@ -56,6 +61,12 @@ def plot_regimes(
         handles += _overlay_handles(points)
     if regime.margin is not None:
         handles.append(Line2D([], [], color="black", lw=0.9, label=f"boundary of {regime.source}"))
+    if regime.beside is not None:
+        handles.append(Line2D([], [], color="black", lw=1.1, ls="--", label=regime.beside[0]))
+    if contours:
+        levels = ", ".join(f"{level:g}" for level in contours)
+        handles.append(Line2D([], [], color="white", lw=1.0, label=f"P(folds) = {levels}"))
+        handles[-1].set_path_effects([Stroke(linewidth=2.0, foreground="0.4"), Normal()])
     title = title or _regime_title(regime, validated)
     with mpl.rc_context(STYLE):
         legend_columns = min(len(handles), 3)
@@ -91,10 +102,19 @@ def plot_regimes(
                     colors="black",
                     linewidths=0.7,
                 )
+            lines = [(regime.probability[k] - level, "white", "-") for level in contours]
+            if regime.beside is not None:
+                lines.append((regime.beside[1][k], "black", "--"))
+            for field, colour, style in lines:
+                if _crosses_zero(field):
+                    ax.contour(
+                        regime.x_values, regime.y_values, field, [0.0], colors=colour,
+                        linestyles=style, linewidths=0.8,
+                    )  # fmt: skip
             if points is not None:
                 _overlay(ax, regime, points[nearest == k])
             _scale_axes(ax, regime, numbers=k + columns >= panels)
-            ax.set_title(f"${SYMBOLS[regime.slice_by]} = {number(regime.slices[k])}$", pad=3)
+            ax.set_title(f"${SYMBOLS[regime.slice_by]} = {number(regime.slices[k])}$", pad=5)
             if k + columns >= panels:
                 ax.set_xlabel(symbol(regime.x), labelpad=2)
             if k % columns == 0:

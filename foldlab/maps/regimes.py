@@ -7,10 +7,11 @@ points are the centres of equal cells on each group's own scale, so the cells ti
 from __future__ import annotations
 
 import time
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from concurrent.futures import Executor
 from dataclasses import dataclass, field
 from enum import IntEnum
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -42,7 +43,8 @@ class RegimeMap:
 
     ``predicted`` is the classifier's decision, ``probability`` its P(foldable). ``truth`` is 1, 0,
     or −1 where the source could not tell; None without a source. ``margin`` is the source's signed
-    distance to its own boundary, None where it gives none. Seconds are wall clock.
+    distance to its own boundary, None where it gives none. Seconds are wall clock. ``beside``: name
+    and margin of another source, to compare boundaries.
     """
 
     space: DesignSpace
@@ -62,6 +64,7 @@ class RegimeMap:
     margin: np.ndarray | None = field(default=None, repr=False)
     source: str = ""
     source_seconds: float = 0.0
+    beside: tuple[str, np.ndarray] | None = field(default=None, repr=False)
 
     @property
     def points(self) -> int:
@@ -152,6 +155,7 @@ def regime_map(
     source=None,
     threshold: float | None = None,
     executor: Executor | None = None,
+    beside: tuple[str, Any] | None = None,
 ) -> RegimeMap:
     """Map a classifier over two groups on slices of a third, validated if a ``source`` is given.
 
@@ -160,7 +164,8 @@ def regime_map(
     each remaining group of the space. ``points``: at least so many in total, on square slices;
     at most :data:`MOST_POINTS`.
     ``threshold``: predict folding where P ≥ threshold (Eq. 4.31); without one the classifier's own
-    ``predict`` decides. ``executor`` serves sources that label one design at a time.
+    ``predict`` decides. ``executor`` serves sources that label one design at a time. ``beside``: a
+    name and a source that gives margins, such as that of the same units without weight.
 
     Raises :class:`InputError` for unknown, repeated or missing groups and values out of bounds.
     """
@@ -200,7 +205,14 @@ def regime_map(
     if source is not None:
         foldable, margin = truth_of(source, designs, executor=executor)
         truth = foldable.astype("Int8").to_numpy(dtype=np.int8, na_value=-1).reshape(shape)
+        seconds_of_source = time.perf_counter() - start
         margin = None if margin is None else margin.reshape(shape)
+    other = None
+    if beside is not None:
+        margins = truth_of(beside[1], designs)[1]
+        if margins is None:
+            raise InputError(f"the source {beside[1].name!r} gives no margins to draw beside a map")
+        other = beside[0], margins.reshape(shape)
     return RegimeMap(
         space=space,
         x=x,
@@ -218,8 +230,44 @@ def regime_map(
         truth=truth,
         margin=margin,
         source="" if source is None else source.name,
-        source_seconds=0.0 if source is None else time.perf_counter() - start,
+        source_seconds=0.0 if source is None else seconds_of_source,
+        beside=other,
     )
+
+
+def held_in_the_middle(
+    space: DesignSpace, used: Collection[str], fixed: Mapping[str, float]
+) -> dict[str, float]:
+    """A value for each group of the space that is not ``used``: that of ``fixed``, or the middle of
+    its bounds on its own scale. Raises :class:`InputError` for fixed groups that don't exist."""
+    for name in fixed:
+        space[name]
+    middle = {name: float(space[name].from_unit(0.5)) for name in space.names if name not in used}
+    return middle | dict(fixed)
+
+
+def to_verify(regime: RegimeMap, n: int, *, seed: int) -> pd.DataFrame:
+    """``n`` designs of a map for a slower source to check: half of them among the tenth of the grid
+    nearest to the classifier's boundary, half anywhere; columns are the groups of the space.
+
+    Raises :class:`InputError` for fewer than 1 or more than there are points.
+    """
+    if not 1 <= n <= regime.points:
+        raise InputError(f"{n} points to verify; expected 1 to {regime.points}, those of the map")
+    rng = np.random.default_rng(seed)
+    level = 0.5 if regime.threshold is None else regime.threshold
+    # Ties, as of trees, in no order.
+    order = np.lexsort((rng.random(regime.points), np.abs(regime.probability.ravel() - level)))
+    near = order[: max(regime.points // 10, -(-n // 2))]
+    chosen = rng.choice(near, -(-n // 2), replace=False)
+    rest = np.setdiff1d(order, chosen)
+    chosen = np.concatenate([chosen, rng.choice(rest, n - len(chosen), replace=False)])
+    s, b, a = np.unravel_index(chosen, regime.probability.shape)
+    columns = {name: np.full(n, value) for name, value in regime.fixed.items()}
+    columns |= {regime.slice_by: regime.slices[s], regime.y: regime.y_values[b]}
+    columns |= {regime.x: regime.x_values[a]}
+    designs = pd.DataFrame(columns)[regime.space.names]
+    return designs.assign(predicted=regime.predicted.ravel()[chosen])
 
 
 def _check_axes(space, axes, slice_by, fixed) -> tuple[str, str]:

@@ -1,5 +1,6 @@
 """What stands in the picture of a regime map: counts, rates, ticks and panels."""
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -9,9 +10,10 @@ from matplotlib.figure import Figure
 
 from foldlab.design import FULL, REDUCED
 from foldlab.errors import InputError
+from foldlab.labels.label import Label
 from foldlab.maps import plots
 from foldlab.maps.plots import COLOURS, plot_regimes
-from foldlab.maps.regimes import Verdict, regime_map
+from foldlab.maps.regimes import Verdict, held_in_the_middle, regime_map, to_verify
 
 
 class Stiff:
@@ -145,3 +147,66 @@ def test_verified_designs_are_white_black_or_crossed():
     assert told == ["verified: folds", "verified: does not"]
     with pytest.raises(InputError, match="foldable"):
         plots._overlay_handles(points.drop(columns="foldable"))
+
+
+def test_a_second_boundary_is_dashed_and_contours_are_white_lines():
+    regime = a_map(beside=("without weight", Source()))
+    figure = plot_regimes(regime, contours=(0.5,))
+    lines = [ax.collections[1:] for ax in figure.get_axes()[:3]]
+    # P steps from 0 to 1 in every panel; the source has no boundary in the last.
+    assert [len(found) for found in lines] == [2, 2, 1]
+    white, dashed = lines[0]
+    # At E_i/E_s = 1 the one, at h_i/h_s = 1 the other.
+    np.testing.assert_allclose(np.log10(white.get_paths()[0].vertices[:, 0]), 0, atol=0.2)
+    np.testing.assert_allclose(np.log10(dashed.get_paths()[0].vertices[:, 1]), 0, atol=0.06)
+    assert dashed.get_linestyle()[0][1] and not white.get_linestyle()[0][1]
+    told = [text.get_text() for text in figure.legends[0].get_texts()]
+    assert told[-2:] == ["without weight", "P(folds) = 0.5"]
+    assert len(plot_regimes(a_map()).get_axes()[0].collections) == 1
+
+
+def test_half_of_what_is_verified_lies_near_the_boundary():
+    class Sloping(Stiff):
+        def predict_proba(self, designs):
+            p = REDUCED["E_ratio"].to_unit(designs["E_ratio"].to_numpy())
+            return np.column_stack([1 - p, p])
+
+    regime = regime_map(Sloping(), points=400, slices=[1e-3])
+    designs = to_verify(regime, 21, seed=0)
+    assert designs.equals(to_verify(regime, 21, seed=0))
+    assert not designs.equals(to_verify(regime, 21, seed=1))
+    assert len(designs) == 21 and not designs.duplicated().any()
+    REDUCED.validate(designs[REDUCED.names])
+    # Two of twenty columns are the tenth nearest to it.
+    near = np.abs(REDUCED["E_ratio"].to_unit(designs["E_ratio"].to_numpy()) - 0.5) < 0.05
+    assert near[:11].all() and not near[11:].all()
+    assert (designs["predicted"] == (designs["E_ratio"] >= 1)).all()
+    assert len(to_verify(regime, 400, seed=0).drop_duplicates()) == 400
+    moved = replace(regime, threshold=0.8)
+    at = REDUCED["E_ratio"].to_unit(to_verify(moved, 20, seed=0)["E_ratio"].to_numpy())
+    assert (np.abs(at[:10] - 0.8) < 0.06).all()
+    for n in (0, 401):
+        with pytest.raises(InputError, match=f"{n} points to verify; expected 1 to 400"):
+            to_verify(regime, n, seed=0)
+
+
+def test_groups_that_nobody_fixed_are_held_in_the_middle():
+    used = ("E_ratio", "h_ratio", "slenderness")
+    held = held_in_the_middle(FULL, used, {"contraction": 0.3})
+    assert set(held) == set(FULL.names) - set(used) and held["contraction"] == 0.3
+    # Of a scale of ten decades the geometric mean, of lengths the arithmetic one.
+    assert held["stiffness_to_weight"] == pytest.approx(1.0)
+    assert held["hinge_length"] == pytest.approx(0.275)
+    with pytest.raises(InputError, match="thickness"):
+        held_in_the_middle(FULL, used, {"thickness": 1.0})
+
+
+def test_a_source_without_margins_has_no_boundary_to_draw():
+    class Slow:
+        name, version = "slow", "1"
+
+        def label(self, design):
+            return Label(design, True, "so")
+
+    with pytest.raises(InputError, match="'slow' gives no margins"):
+        a_map(beside=("other", Slow()))
