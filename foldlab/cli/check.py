@@ -95,19 +95,21 @@ def check(
 
     --set gives quantities in SI units or with a unit: length l_s, width b_s and thickness h_s of
     the sheet, l_i, b_i, h_i of the active layer, contraction; E_s, rho_s, E_i, rho_i where no
-    material says them.
+    material says them; strips and strip_share cut the active layer.
     """
     from foldlab.labels.asked import Conditions, Effort
     from foldlab.labels.foldability import Thresholds
     from foldlab.labels.solver import SolverSource
     from foldlab.unit.check import by_rod, confirmed
+    from foldlab.unit.record import space_for
 
     if quick and files is not None:
         raise InputError("--files needs the solver's answer; leave --quick out")
     unit = made.unit(numbers(given.read()))
     source = SolverSource(
-        Conditions(growth=growth), Effort(accuracy, timeout), thresholds=Thresholds(need=need)
-    )
+        Conditions(growth=growth), Effort(accuracy, timeout), thresholds=Thresholds(need=need),
+        space=space_for(unit.groups),
+    )  # fmt: skip
     source.unit(unit.groups)
     with ExitStack() as stack:
         if not quick:
@@ -227,7 +229,7 @@ def _quickly(answer: Mapping[str, Any]) -> dict[str, Any]:
 def readable(answer: Mapping[str, Any], unit: Sized) -> dict[str, Any]:
     """The answer in a maker's words and units."""
     error = answer["error_m1"]
-    sure = "" if error is None else f" ± {error * DEGREES:.1g}°"
+    sure = "" if error is None else f" ± {_number(float(f'{error * DEGREES:.1g}'))}°"
     angle = f"{_degrees(answer['fold_angle'])}{sure}"
     change = answer["change"]
     if change is not None:

@@ -94,6 +94,14 @@ class Dossier:
         return last if last < self.unit.physical["contraction"] * (1 - 1e-6) else None
 
     @property
+    def crossed(self) -> bool:
+        """Whether the folded shape's panels pass through each other."""
+        if self.run is None or not self.run.shapes or "contact" in self.source.conditions.terms:
+            return False
+        # The solver's y: along the sheet, from its middle.
+        return bool(self.run.shapes[-1].state.curves[0][-1, 1] < 0)
+
+    @property
     def title(self) -> str:
         """Its size in a few words."""
         g = self.geometry
@@ -156,7 +164,8 @@ def _notes(dossier: Dossier) -> list[str]:
     names = dossier.unit.materials
     made = [f"{layer}: {names[layer]}" for layer in LAYERS if layer in names]
     contraction = 100 * dossier.unit.physical["contraction"]
-    acts = f"The active layer lies on the sheet and contracts by {contraction:.3g} % along it."
+    along = "along it" if dossier.source.conditions.growth == "uniaxial" else "in every direction"
+    acts = f"The active layer lies on the sheet and contracts by {contraction:.3g} % {along}."
     return [*(["; ".join(made)] if made else []), acts]
 
 
@@ -176,6 +185,7 @@ def _facts(dossier: Dossier) -> dict[str, Any]:
         "mass": {**dossier.masses, "total": sum(dossier.masses.values())},
         "cost": dossier.cost,
         "contraction_reached": dossier.reached,
+        "panels_cross": dossier.crossed,
         "answer": {k: v for k, v in dossier.answer.items() if k not in ELSEWHERE},
         "files": [name for name in FILES if name not in dossier.missing],
         "missing": dict(dossier.missing),

@@ -40,7 +40,7 @@ th {{ text-align: left; font-weight: normal; color: #555; white-space: nowrap;
   padding: 1px 12px 1px 0; vertical-align: top; }}
 td {{ padding: 1px 0; vertical-align: top; }}
 .two {{ display: grid; grid-template-columns: 1fr 1fr; gap: 6mm; }}
-.small {{ font-size: 10px; color: #555; }} .drawing svg {{ max-height: 66mm; }}
+.small {{ font-size: 10px; color: #555; }} .drawing svg {{ max-height: 80mm; }}
 ul.small {{ columns: 2; padding: 0; margin: 0; list-style: none; }} sub {{ line-height: 1; }}
 </style></head><body>
 <h1>{title}</h1>
@@ -79,7 +79,7 @@ def html(dossier: Dossier, drawing: Drawing) -> str:
 def _facts(dossier: Dossier) -> dict[str, str]:
     """Headings and words of the table."""
     out = {"sizes": _sizes(dossier.geometry)}
-    out |= {name: dossier.told[name] for name in SHOWN if name in dossier.told}
+    out |= {name: dossier.told[name] for name in SHOWN if dossier.told.get(name, "–") != "–"}
     sheet, active = (dossier.masses[layer] for layer in LAYERS)
     out["weight"] = (
         f"{_weight(sheet + active)} (sheet {_weight(sheet)}, active layer {_weight(active)})"
@@ -92,11 +92,16 @@ def _facts(dossier: Dossier) -> dict[str, str]:
         out["material cost"] = f"{cost}, by your prices per kg; without scrap and labour"
     if dossier.unit.stimulus:
         out["stimulus"] = dossier.unit.stimulus
+    folded = []
     if dossier.reached is not None:
-        out["folded shape"] = (
+        folded.append(
             f"that at {100 * dossier.reached:.3g} % contraction, where the path ended, not at "
             f"{100 * dossier.unit.physical['contraction']:.3g} %"
         )
+    if dossier.crossed:
+        folded.append("its panels pass through each other, for contact was left out")
+    if folded:
+        out["folded shape"] = "; ".join(folded)
     out["confirmed"] = _confirmed(dossier)
     return out
 
@@ -127,7 +132,8 @@ def _confirmed(dossier: Dossier) -> str:
         words += f", {len(dossier.run.history)} states of {source.conditions.growth} contraction"
     if answer.get("core_seconds") is not None:
         words += f", {answer['core_seconds']:.2g} core-seconds"
-    return f"{words} (version {source.version}); margins by a planar rod"
+    rod = "; margins by a planar rod" if answer.get("holds") is not None else ""
+    return f"{words} (version {source.version}){rod}"
 
 
 def _picture(dossier: Dossier) -> str:
@@ -141,8 +147,9 @@ def _picture(dossier: Dossier) -> str:
     shapes = [dossier.run.shapes[k] for k in (0, -1)]
     curves = np.stack([shape.state.curves for shape in shapes])
     heavy = dossier.source.conditions.heavy
-    figure = plot_side(curves, dossier.unit.groups, ["flat", "folded"], ground=heavy)
-    return _image(_png(figure), "the unit from the side, flat and folded")
+    titles = [f"{100 * dossier.run.history[k]['contraction']:.3g} % contraction" for k in (0, -1)]
+    figure = plot_side(curves, dossier.unit.groups, titles, ground=heavy)
+    return _image(_png(figure), "the unit from the side, flat and as it ends")
 
 
 def _chart(dossier: Dossier) -> str:

@@ -105,6 +105,8 @@ def confirmed(unit: Sized, source: SolverSource, attempts: int = ATTEMPTS) -> Ch
 
 
 def _rod(source: SolverSource) -> RodSource | None:
+    if source.patterned:
+        return None  # it knows a solid layer only
     try:
         return RodSource(source.conditions, thresholds=source.thresholds)
     except InputError:

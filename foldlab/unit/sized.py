@@ -8,7 +8,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 import pandas as pd
 
-from foldlab.design import FULL, PHYSICAL, RATIOS, STANDARD_GRAVITY, to_groups
+from foldlab.design import FULL, PATTERNED, PHYSICAL, RATIOS, STANDARD_GRAVITY, to_groups
 from foldlab.errors import InputError
 from foldlab.materials import find_material
 
@@ -20,14 +20,17 @@ OF_MATERIAL = {
     "active": {"E_i": "E", "rho_i": "rho", "contraction": "contraction"},
 }
 LOGARITHMIC = ("E_s", "E_i")
+# Groups that no quantity of the unit says: how its active layer is cut.
+PATTERN = ("strips", "strip_share")
 
 
 @dataclass(frozen=True)
 class Sized:
     """``physical``: SI quantities by name (:data:`foldlab.design.PHYSICAL`); ``groups``: the full
-    space's; ``ranges``: SI quantities that were not given, of which a material says low and high;
-    ``materials``: their names by role; ``strain`` and ``price``: low and high strain that they bear
-    and price per kg, by layer; ``stimulus``: what drives the active layer, as its material says."""
+    space's, of strips the patterned one's; ``ranges``: SI quantities that were not given, of which
+    a material says low and high; ``materials``: their names by role; ``strain`` and ``price``: low
+    and high strain that they bear and price per kg, by layer; ``stimulus``: what drives the active
+    layer, as its material says."""
 
     physical: Mapping[str, float]
     groups: Mapping[str, float]
@@ -43,7 +46,8 @@ class Sized:
         physical = dict(self.physical) | quantities
         if "b_s" in quantities and self.physical["b_i"] == self.physical["b_s"]:
             physical["b_i"] = physical["b_s"]
-        return replace(self, physical=physical, groups=_groups(physical))
+        pattern = {name: self.groups[name] for name in PATTERN if name in self.groups}
+        return replace(self, physical=physical, groups=_groups(physical) | pattern)
 
     def drawn(self, n: int, seed: int = 0) -> pd.DataFrame:
         """Groups (n rows) of units whose materials lie anywhere in their ranges, moduli evenly on a
@@ -71,19 +75,25 @@ def sized(
 
     What is given wins over a material, of whose ranges the middle is taken otherwise (geometric of
     moduli). A hinge is as wide as its panels unless b_i says otherwise, and weighs as on earth.
-    Raises :class:`InputError` for names that are neither, for what is missing and for what
-    contradicts.
+    ``strips`` and ``strip_share`` cut the active layer, together. Raises :class:`InputError` for
+    names that are neither, for what is missing and for what contradicts.
     """
-    if unknown := [n for n in given if n not in PHYSICAL and n not in FULL.names]:
+    if unknown := [n for n in given if n not in PHYSICAL and n not in PATTERNED.names]:
         raise InputError(
             f"no quantity {unknown[0]!r}; there are {', '.join(PHYSICAL)} (SI or with units) and "
-            f"the groups {', '.join(FULL.names)}"
+            f"the groups {', '.join(PATTERNED.names)}"
         )
     for name, value in given.items():
         if not (np.isfinite(value) and value > 0):
             raise InputError(f"{name} = {value:g}; expected a finite number above 0")
     physical = {name: float(value) for name, value in given.items() if name in PHYSICAL}
     groups = {name: float(value) for name, value in given.items() if name not in PHYSICAL}
+    pattern = {name: groups.pop(name) for name in PATTERN if name in groups}
+    if len(pattern) == 1:
+        (absent,) = set(PATTERN) - set(pattern)
+        raise InputError(
+            f"strips need their number and how much of the hinge they cover; add --set {absent}=…"
+        )
     ranges, names, strain, price = {}, {}, {}, {}
     for role, name in (("passive", passive), ("active", active)):
         if name is None:
@@ -91,7 +101,7 @@ def sized(
         names[role] = find_material(table, name, role)
         row = table.loc[names[role]]
         for known, column in ((strain, "strain"), (price, "price")):
-            if np.isfinite(row[f"{column}_low"]):
+            if np.isfinite(row.get(f"{column}_low", np.nan)):
                 known[role] = (float(row[f"{column}_low"]), float(row[f"{column}_high"]))
         for quantity, column in OF_MATERIAL[role].items():
             if quantity in physical or _group_of(quantity) in groups:
@@ -121,7 +131,8 @@ def sized(
             f"{' and '.join(missing(physical)) or 'SI quantities instead'}"
         )
     stimulus = str(table.loc[names["active"], "stimulus"]) if "active" in names else ""
-    return Sized(physical, _groups(physical), ranges, names, strain, price, stimulus)
+    everything = _groups(physical) | pattern
+    return Sized(physical, everything, ranges, names, strain, price, stimulus)
 
 
 def _group_of(quantity: str) -> str | None:

@@ -53,6 +53,7 @@ def test_yes_and_no_stand_where_they_are_asked_for():
 
 def test_angles_and_their_errors_are_degrees():
     assert readable()["angle"] == "90° ± 1°, 45° count as folded"
+    assert readable(error_m1=1.8)["angle"].startswith("90° ± 100°,")
     assert readable(error_m1=None)["angle"] == "90°, 45° count as folded"
     assert readable(fold_angle=None, error_m1=None)["angle"].startswith("–, 45°")
     label = Label({}, True, "it folds", {"m1": RIGHT_ANGLE})

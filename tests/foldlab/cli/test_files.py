@@ -57,6 +57,30 @@ def test_a_checked_unit_comes_with_its_files(foldlab, tmp_path):
     assert everything(tmp_path) == before
 
 
+@needs_gmsh
+def test_strips_are_solved_and_cut(foldlab, tmp_path):
+    line = f"{UNIT} --set strips=3 --set strip_share=60% --files made --json"
+    status, out, err = foldlab(line)
+    told = json.loads(out)
+    assert status == 0 and "a rod does not know such units" in err
+    assert (told["design"]["strips"], told["design"]["strip_share"]) == (3, 0.6)
+    assert told["rod"] is told["holds"] is told["over_materials"] is None
+    # Less of an active layer bends less.
+    _, solid, _ = foldlab(f"{UNIT} --json")
+    assert 0.5 < told["fold_angle"] / json.loads(solid)["fold_angle"] < 0.99
+    lines = ezdxf.readfile(tmp_path / "made" / "cut.dxf").modelspace().query("LWPOLYLINE")
+    cuts = [np.array(x.get_points("xy")) for x in lines if x.dxf.layer == "strips"]
+    assert [np.ptp(cut, axis=0).round(9).tolist() for cut in cuts] == [[10, 1.2]] * 3
+    facts = json.loads((tmp_path / "made" / "unit.json").read_text())
+    assert (facts["strips"], facts["strip_share"]) == (3, 0.6)
+    volume = 10 * 1.2 * 3 * 0.2e-9
+    assert facts["mass"]["active"] == pytest.approx(volume * facts["physical"]["rho_i"])
+    status, _, err = foldlab(f"{UNIT} --set strips=3")
+    assert status == 2 and "add --set strip_share=" in err
+    status, _, err = foldlab(f"{UNIT} --set strips=2.5 --set strip_share=60%")
+    assert status == 2 and "whole number" in err and "Traceback" not in err
+
+
 @pytest.mark.parametrize(
     "line, words",
     [

@@ -142,7 +142,21 @@ def test_a_path_that_ended_early_is_no_folded_shape_without_a_word(dossier, tmp_
     write(tmp_path, early)
     assert json.loads((tmp_path / "unit.json").read_text())["contraction_reached"] == 0.123
     words = " ".join(Page((tmp_path / "report.html").read_text()).words)
+    assert "pass through each other" not in words and not dossier.crossed
     assert "that at 12.3 % contraction, where the path ended, not at 20 %" in words
+
+
+def test_panels_that_pass_through_each_other_are_told(dossier, tmp_path):
+    shape = dossier.run.shapes[-1]
+    curves = shape.state.curves * (1, -1, 1)
+    last = replace(shape, state=replace(shape.state, curves=curves))
+    through = replace(dossier, run=replace(dossier.run, shapes=[last]))
+    write(tmp_path, through)
+    assert json.loads((tmp_path / "unit.json").read_text())["panels_cross"] is True
+    words = " ".join(Page((tmp_path / "report.html").read_text()).words)
+    assert "its panels pass through each other, for contact was left out" in words
+    touching = SolverSource(Conditions(effects="gravity,ground,contact"))
+    assert not replace(through, source=touching).crossed
 
 
 def test_without_a_run_there_is_no_folded_shape_and_no_price_is_made_up(tmp_path):
