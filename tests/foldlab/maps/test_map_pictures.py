@@ -52,6 +52,8 @@ def test_panels_stand_in_a_square_and_only_outer_ones_have_labels():
     # The second has nothing below it, the first has the third.
     assert [bool(ax.get_xlabel()) for ax in shown] == [False, True, True]
     assert [bool(ax.get_ylabel()) for ax in shown] == [True, False, True]
+    numbered = [ax.xaxis.get_tick_params()["labelbottom"] for ax in shown]
+    assert numbered == [False, True, True]
 
 
 def test_the_source_s_boundary_is_drawn_where_it_is():
