@@ -158,8 +158,9 @@ def _plan(sheet: Drawing, unit: Geometry, at: tuple[float, float]) -> None:
     half = k * np.array([unit.length, unit.width, unit.hinge_length, unit.hinge_width]) / 2
     low = y - half[1]
     panel = (unit.length - unit.hinge_length) / 2
-    _along(sheet, (x - half[0], x - half[2]), (low, y - half[3]), low - 9, panel, "left")
-    _along(sheet, (x - half[2], x + half[2]), (y - half[3],) * 2, low - 9, unit.hinge_length)
+    _along(sheet, (x - half[0], x - half[2]), (low, y - half[3]), low - 9, panel, x - half[0])
+    hinge = (x - half[2], x + half[2])
+    _along(sheet, hinge, (y - half[3],) * 2, low - 9, unit.hinge_length, x + half[0])
     _along(sheet, (x - half[0], x + half[0]), (low, low), low - 18, unit.length)
     _up(sheet, (low, y + half[1]), (x - half[0],) * 2, x - half[0] - 9, [unit.width], -1)
     if unit.waisted:
@@ -201,31 +202,29 @@ def _side(sheet: Drawing, unit: Geometry, at: tuple[float, float]) -> None:
     sheet.items.append(Text("side view", (x - long, y - 10), words, size=SMALL))
 
 
-def _along(sheet, ends, features, line: float, size: float, beside: str = "right") -> None:
+def _along(sheet, ends, features, line: float, size: float, edge: float | None = None) -> None:
     """A dimension along the sheet, between ``ends`` of features at heights, at the height
-    ``line``; its words stand ``beside`` it where they have no room."""
+    ``line``. Words that have no room stand beside it, towards the sheet's ``edge`` and where they
+    would cross that beyond it."""
     low, high = ends
     words = millimetres(size)
     for end, feature in zip(ends, features, strict=True):
         _line(sheet, [(end, feature - 1), (end, line - 1.5)])
-    inside = high - low >= extent(words, TEXT) + 1
-    if high - low >= 2 * ARROW + 1:
-        _line(sheet, [(low, line), (high, line)])
-        _arrow(sheet, (low, line), (-1, 0))
-        _arrow(sheet, (high, line), (1, 0))
-        out = 0.0
-    else:
-        _line(sheet, [(low - 2 * ARROW, line), (high + 2 * ARROW, line)])
-        _arrow(sheet, (low, line), (1, 0))
-        _arrow(sheet, (high, line), (-1, 0))
-        out = 2 * ARROW
-    if inside:
-        at, anchor = ((low + high) / 2, line + 1), "middle"
-    elif beside == "right":
-        at, anchor = (high + out + 1, line - 0.36 * TEXT), "start"
-    else:
-        at, anchor = (low - out - 1, line - 0.36 * TEXT), "end"
-    sheet.items.append(Text("dimensions", at, words, anchor))
+    out = 0.0 if high - low >= 2 * ARROW + 1 else 2 * ARROW
+    _line(sheet, [(low - out, line), (high + out, line)])
+    inwards = 1 if out else -1
+    _arrow(sheet, (low, line), (inwards, 0))
+    _arrow(sheet, (high, line), (-inwards, 0))
+    if edge is None or high - low >= extent(words, TEXT) + 1:
+        sheet.items.append(Text("dimensions", ((low + high) / 2, line + 1), words, "middle"))
+        return
+    side = 1 if edge >= high else -1
+    at = (high if side > 0 else low) + side * (out + 1)
+    if side * (edge - at) < WIDEST * extent(words, TEXT) + 1:
+        at = edge + 2 * side
+        _line(sheet, [((high if side > 0 else low), line), (at - side, line)])
+    anchor = "start" if side > 0 else "end"
+    sheet.items.append(Text("dimensions", (at, line - 0.36 * TEXT), words, anchor))
 
 
 def _up(sheet, ends, features, line: float, sizes: Sequence[float], side: int) -> None:
@@ -255,7 +254,7 @@ def _up(sheet, ends, features, line: float, sizes: Sequence[float], side: int) -
 def _leader(sheet, point, top: float, words: Sequence[str]) -> None:
     """Words above the plan view, and a line from them to a point with a dot at its end."""
     x, y = point
-    up = top + 6.0
+    up = top + 7.5
     _line(sheet, [(x, y), (x + 4, up), (x + 7, up)])
     angles = np.linspace(0, 2 * np.pi, 13)[:-1]
     dot = np.array(point) + 0.5 * np.column_stack([np.cos(angles), np.sin(angles)])

@@ -101,7 +101,7 @@ def sized(
         names[role] = find_material(table, name, role)
         row = table.loc[names[role]]
         for known, column in ((strain, "strain"), (price, "price")):
-            if np.isfinite(row.get(f"{column}_low", np.nan)):
+            if np.isfinite(row[f"{column}_low"]):
                 known[role] = (float(row[f"{column}_low"]), float(row[f"{column}_high"]))
         for quantity, column in OF_MATERIAL[role].items():
             if quantity in physical or _group_of(quantity) in groups:

@@ -1,7 +1,7 @@
 """Drawings read back as what they show, by an XML reader and by pypdf."""
 
 import xml.etree.ElementTree as ET
-from itertools import combinations
+from itertools import combinations, pairwise
 
 import numpy as np
 import pytest
@@ -20,6 +20,7 @@ OTHERS = {
     "tiny hinge": Geometry(30.0, 30.0, 0.5, 1.5, 6.25, 0.05, strips=10, strip_share=0.3),
     "large": Geometry(300.0, 200.0, 2.0, 50.0, 100.0, 0.25),
     "huge": Geometry(3000.0, 800.0, 2.0, 500.0, 500.0, 9.0),
+    "short": Geometry(31.0, 2.85, 0.104, 5.464, 2.811, 0.8699),
     "thick": Geometry(40.0, 10.0, 4.0, 10.0, 10.0, 39.0),
 }
 
@@ -97,6 +98,19 @@ def test_a_pdf_holds_the_sizes_in_points_in_named_layers(name):
     assert "scale 1:1" in words and NOTES[1] in words
 
 
+def crosses(box, a, b):
+    """Whether the straight line from a to b passes through the box (x0, y0, x1, y1)."""
+    start, end, d = 0.0, 1.0, b - a
+    for k in (0, 1):
+        if abs(d[k]) < 1e-12:
+            if not box[k] < a[k] < box[k + 2]:
+                return False
+        else:
+            low, high = sorted(((box[k] - a[k]) / d[k], (box[k + 2] - a[k]) / d[k]))
+            start, end = max(start, low), min(end, high)
+    return start < end
+
+
 @pytest.mark.parametrize("name", {**UNITS, **OTHERS})
 def test_words_overlap_nothing_and_stay_on_the_paper(name):
     drawing = draw({**UNITS, **OTHERS}[name], "Self-folding unit", NOTES)
@@ -116,6 +130,15 @@ def test_words_overlap_nothing_and_stay_on_the_paper(name):
     for a, b in combinations(boxes, 2):
         apart = a[3] <= b[1] or b[3] <= a[1] or a[4] <= b[2] or b[4] <= a[2]
         assert apart, f"{a[0]!r} lies over {b[0]!r}"
+    for item in drawing.items:
+        if isinstance(item, Text):
+            continue
+        points = np.vstack([item.points, item.points[:1]]) if item.closed else item.points
+        for a, b in pairwise(points):
+            for words, *box in boxes:
+                # Words stand 1 mm over their own line: without what hangs below their baseline.
+                box[1] += 0.2 * 3.5
+                assert not crosses(box, a, b), f"a line of {item.layer} crosses {words!r}"
 
 
 def test_long_names_are_cut_where_the_title_block_ends():
