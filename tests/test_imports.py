@@ -54,9 +54,9 @@ MAY = {
     "foldlab.unit": {"foldlab.labels", "foldlab.plots", "foldlab.terminal"},
     "foldlab.making": {"foldlab.labels", "foldlab.plots", "foldlab.terminal", "foldlab.unit"},
     "foldlab.cli": {
-        "foldlab.campaign", "foldlab.inverse", "foldlab.labels", "foldlab.learning",
-        "foldlab.making", "foldlab.maps", "foldlab.plots", "foldlab.terminal", "foldlab.tracking",
-        "foldlab.unit",
+        "foldlab.campaign", "foldlab.datasets", "foldlab.inverse", "foldlab.labels",
+        "foldlab.learning", "foldlab.making", "foldlab.maps", "foldlab.plots",
+        "foldlab.terminal", "foldlab.tracking", "foldlab.unit",
     },
 }  # fmt: skip
 # Within foldlab.labels only what a solver label is made of sees the solver.

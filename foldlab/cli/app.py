@@ -18,6 +18,7 @@ from pydantic import ValidationError
 
 import foldlab
 from foldlab.cli import label_verbs
+from foldlab.cli.augment import augment
 from foldlab.cli.check import check, materials
 from foldlab.cli.design import design
 from foldlab.cli.maps import map_
@@ -27,7 +28,7 @@ from foldlab.design import space_named, space_of
 from foldlab.errors import InputError
 from foldlab.settings import build
 from foldlab.tables import read_table, write_table
-from foldlab.terminal import Given, Json, NotReached, Seed, Space, Workers, emit, note, with_records
+from foldlab.terminal import Given, Json, NotReached, Seed, Workers, emit, note, with_records
 
 # Heavy imports (torch, MLflow, Matplotlib) stay inside the verbs, so that --help answers at once.
 
@@ -140,38 +141,6 @@ def score(
     table, unknown = known_labels(read_table(labels), space_named(card["space"]))
     result = scores(fitted, table.drop(columns="foldable"), table["foldable"])
     emit({"model": card["model"], **result, "unknown": unknown}, as_json)
-
-
-def augment(
-    *,
-    out: Annotated[Path, typer.Option("-o", "--out", help="Folder for curves and picture.")],
-    space: Space = "reduced",
-    source: Annotated[str, typer.Option("--source", help="Label source.")] = "timoshenko",
-    seeds: Annotated[int, typer.Option(min=1, help="Number of seeds.")] = 3,
-    target: Annotated[float, typer.Option(help="Accuracy at which labels are compared.")] = 0.99,
-    seed: Seed = 0,
-    given: Given,
-    as_json: Json = False,
-) -> None:
-    """Spend labels near the boundary (Algorithm 5) and at random; compare the labels needed."""
-    from foldlab.labels.solver import make_source
-    from foldlab.learning.augment import Plan, compare_strategies
-    from foldlab.learning.plots import plot_learning_curves
-    from foldlab.plots import save_figure
-
-    plan = build(Plan, given.read())
-    maker = make_source(source, space=space_named(space))
-    with output_folder(out):
-        curves, summary = compare_strategies(
-            maker,
-            plan,
-            seeds=range(seed, seed + seeds),
-            target=target,
-            progress=None if as_json else note,
-        )
-        write_table(curves, out / "curves.csv")
-        save_figure(plot_learning_curves(curves, target=target, as_error=True), out / "curves.png")
-    emit({**summary, "folder": out}, as_json)
 
 
 def tune(

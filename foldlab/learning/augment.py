@@ -21,6 +21,7 @@ from sklearn.exceptions import ConvergenceWarning
 from foldlab.design import DesignSpace
 from foldlab.errors import InputError
 from foldlab.labels.label import LabelSource, labels_to_frame
+from foldlab.learning.train import known_labels
 
 STRATEGIES = ("boundary", "random")
 
@@ -67,35 +68,46 @@ class Augmented:
 
 def augment(
     space: DesignSpace,
-    source: LabelSource,
+    source: LabelSource | Callable[[pd.DataFrame], pd.DataFrame],
     make_model: Callable[[int, int], Any],
     *,
     strategy: str = "boundary",
     plan: Plan | None = None,
     seed: int,
     test: tuple[pd.DataFrame, np.ndarray],
+    pool: pd.DataFrame | None = None,
+    expand: Callable[[pd.DataFrame], pd.DataFrame] | None = None,
 ) -> Augmented:
     """Run Algorithm 5 (``strategy='boundary'``) or its baseline (``'random'``).
 
-    ``make_model(seed, epochs)`` returns an unfitted classifier whose ``fit`` trains that many
-    epochs and which has ``continue_fit(X, y, epochs=…)``; ``test`` is (designs, labels) that
-    nothing else sees. Designs that the source can't label are
-    counted and left out of the training. Raises :class:`InputError` for an unknown strategy, or
-    when the first labels are all of one class.
+    ``source``: a label source, or a function that labels a table of designs, row by row as they
+    come. ``make_model(seed, epochs)`` returns an unfitted classifier whose ``fit`` trains that many
+    epochs; where it has ``continue_fit(X, y, epochs=…)`` it goes on learning, else it is fitted
+    anew in each cycle. ``test`` is (designs, labels) that nothing else sees. ``pool``: the designs
+    that there are to choose from, each once, instead of fresh ones from the space. ``expand``: what
+    the labels so far teach besides, such as :func:`foldlab.learning.along.states_as_labels`.
+    Designs that the source can't label are counted and left out of the training. Raises
+    :class:`InputError` for an unknown strategy, a pool that is too small, or when the first labels
+    are all of one class.
     """
     if strategy not in STRATEGIES:
         raise InputError(f"no strategy {strategy!r}; there are: {', '.join(STRATEGIES)}")
     plan = plan or Plan()
+    wanted = plan.initial + plan.per_cycle * (plan.cycles - 1)
+    if pool is not None and len(pool) < wanted:
+        raise InputError(f"the pool has {len(pool)} designs, and the plan asks for {wanted}")
     start = time.perf_counter()
     draws = np.random.SeedSequence(seed).generate_state(2 * plan.cycles)
     model = make_model(seed, plan.epochs)
-    added, in_band = space.sample(plan.initial, seed=int(draws[0])), np.nan
+    designs = _Designs(space, pool)
+    added, in_band = designs.some(plan.initial, int(draws[0])), np.nan
     table, rows, asked = pd.DataFrame(), [], 0
     for cycle in range(plan.cycles):
         if cycle:
             added, in_band = _next_designs(
-                space, model, strategy, plan, draws[2 * cycle : 2 * cycle + 2]
+                designs, model, strategy, plan, draws[2 * cycle : 2 * cycle + 2]
             )
+        designs.take(added)
         table = pd.concat([table, _label(source, added)], ignore_index=True)
         asked += len(added)
         known = table[table["foldable"].notna()]
@@ -105,10 +117,14 @@ def augment(
                 f"the first {len(y)} labels are all {bool(y.any())}; raise initial above "
                 f"{plan.initial} so that both classes are seen"
             )
+        if expand is not None:
+            columns = [*space.names, "foldable"]
+            known = pd.concat([known[columns], expand(known)[columns]], ignore_index=True)
+            y = known["foldable"].to_numpy(bool)
         with warnings.catch_warnings():
             # A cycle is a part of the training; only the whole of it could be said to converge.
             warnings.simplefilter("ignore", ConvergenceWarning)
-            if cycle:
+            if cycle and hasattr(model, "continue_fit"):
                 model.continue_fit(known[space.names], y, epochs=plan.epochs)
             else:
                 model.fit(known[space.names], y)
@@ -127,12 +143,33 @@ def augment(
     return Augmented(model, table, pd.DataFrame(rows))
 
 
-def _next_designs(space, model, strategy, plan, draws) -> tuple[pd.DataFrame, float]:
+class _Designs:
+    """What there is to label: fresh designs of a space, or what is left of a pool."""
+
+    def __init__(self, space: DesignSpace, pool: pd.DataFrame | None):
+        self._space = space
+        self._rest = None if pool is None else pool[space.names]
+
+    def some(self, n: int, seed: int) -> pd.DataFrame:
+        """``n`` of them at random, or all there are; a pool's keep their index."""
+        if self._rest is None:
+            return self._space.sample(n, seed=seed)
+        return self._rest.sample(min(n, len(self._rest)), random_state=seed)
+
+    def take(self, designs: pd.DataFrame) -> None:
+        """These are labelled now."""
+        if self._rest is not None:
+            self._rest = self._rest.drop(designs.index)
+
+
+def _next_designs(
+    designs: _Designs, model, strategy: str, plan: Plan, draws
+) -> tuple[pd.DataFrame, float]:
     if strategy == "random":
-        return space.sample(plan.per_cycle, seed=int(draws[0])), np.nan
-    pool = space.sample(plan.candidates, seed=int(draws[0]))
+        return designs.some(plan.per_cycle, int(draws[0])), np.nan
+    some = designs.some(plan.candidates, int(draws[0]))
     folds = list(model.classes_).index(True)
-    p = model.predict_proba(pool)[:, folds]
+    p = model.predict_proba(some)[:, folds]
     inside = (p >= plan.band[0]) & (p <= plan.band[1])
     band = np.flatnonzero(inside)
     if len(band) >= plan.per_cycle:
@@ -141,10 +178,14 @@ def _next_designs(space, model, strategy, plan, draws) -> tuple[pd.DataFrame, fl
     else:
         # A well-trained network leaves few designs in the band: the nearest to 0.5 fill the cycle.
         chosen = np.lexsort((np.abs(p - 0.5), ~inside))[: plan.per_cycle]
-    return pool.iloc[chosen].reset_index(drop=True), min(1.0, len(band) / plan.per_cycle)
+    return some.iloc[chosen], min(1.0, len(band) / plan.per_cycle)
 
 
-def _label(source: LabelSource, designs: pd.DataFrame) -> pd.DataFrame:
+def _label(
+    source: LabelSource | Callable[[pd.DataFrame], pd.DataFrame], designs: pd.DataFrame
+) -> pd.DataFrame:
+    if callable(source):
+        return source(designs)
     if hasattr(source, "label_many"):
         return labels_to_frame(source.label_many(designs))
     return labels_to_frame([source.label(design) for design in designs.to_dict("records")])
@@ -176,27 +217,43 @@ def compare_strategies(
     test_designs: int = 20_000,
     make_model: Callable[[int, int], Any] | None = None,
     progress: Callable[[str], None] | None = None,
+    test: pd.DataFrame | None = None,
+    label: Callable[[pd.DataFrame], pd.DataFrame] | None = None,
+    **options,
 ) -> tuple[pd.DataFrame, dict[str, float]]:
-    """Algorithm 5 against its baseline over several seeds, on the same fresh test designs.
+    """Algorithm 5 against its baseline over several seeds, on the same test designs.
+
+    ``test``: a table of labels that were made before; without one ``test_designs`` fresh designs
+    are labelled, which only a source that is a formula can afford. ``label``: how designs are
+    labelled, if not one after the other by the source here. ``options``: those of :func:`augment`.
 
     Returns the curves of :func:`augment` and a summary: for each strategy ``labels_STRATEGY``
     (median labels to reach ``target``, infinite if it was not reached) and
     ``final_accuracy_STRATEGY``, and ``ratio`` = boundary / random labels (None if one is infinite).
-    Raises :class:`InputError` for a ``target`` that is no accuracy.
+    Raises :class:`InputError` for a ``target`` that is no accuracy, and for a source that is no
+    formula without ``test``.
     """
     if not 0 < target <= 1:
         raise InputError(f"target = {target:g}; an accuracy lies above 0 and is at most 1")
     space = source.space
-    designs = space.sample(test_designs, seed=2**31 - 1)
-    truth = _label(source, designs)["foldable"]
-    test = (designs[truth.notna()], truth[truth.notna()].to_numpy(bool))
+    if test is None and not hasattr(source, "label_many"):
+        raise InputError(
+            f"the source {source.name!r} is no formula, and {test_designs} test designs would cost "
+            "more than the comparison: give a table of test labels"
+        )
+    if test is None:
+        designs = space.sample(test_designs, seed=2**31 - 1)
+        test = designs.assign(foldable=_label(source, designs)["foldable"])
+    known, _ = known_labels(test, space)
+    labelled = known[space.names], known["foldable"].to_numpy(bool)
     make_model = make_model or partial(_default_network, space)
     curves = []
     for seed in seeds:
         for strategy in STRATEGIES:
             result = augment(
-                space, source, make_model, strategy=strategy, plan=plan, seed=seed, test=test
-            )
+                space, label or source, make_model, strategy=strategy, plan=plan, seed=seed,
+                test=labelled, **options,
+            )  # fmt: skip
             curves.append(result.curve)
             if progress:
                 last = result.curve.iloc[-1]

@@ -97,14 +97,16 @@ def model(monkeypatch):
 def test_a_map_is_asked_for_as_it_was_told(witness, model):
     given, seen = witness("map m -o a.png", regimes, "regime_map")
     assert given == ("the model",)
+    np.testing.assert_allclose(seen.pop("slices"), np.logspace(-3, -1, 9))
     assert seen == {
         "space": REDUCED, "axes": ("E_ratio", "h_ratio"), "slice_by": "slenderness", "fixed": {},
-        "points": 100_000, "source": None,
+        "points": 100_000, "source": None, "beside": None,
     }  # fmt: skip
     line = "map m -o a.png --x slenderness --y E_ratio --slice h_ratio --points 9 --set h_ratio=2"
     _, seen = witness(f"{line} --against timoshenko", regimes, "regime_map")
     assert (seen["axes"], seen["slice_by"]) == (("slenderness", "E_ratio"), "h_ratio")
     assert (seen["points"], seen["fixed"]) == (9, {"h_ratio": 2})
+    assert len(seen["slices"]) == 9
     assert isinstance(seen["source"], TimoshenkoSource)
 
 

@@ -182,3 +182,80 @@ def test_the_ratio_is_of_labels_near_the_boundary_to_random_ones(monkeypatch):
     assert len(curves) == 8
     assert (summary["labels_boundary"], summary["labels_random"]) == (100, 400)
     assert summary["ratio"] == 0.25
+
+
+def pool_of(n):
+    designs = REDUCED.sample(n, seed=5)
+    truth = TimoshenkoSource().evaluate(designs)["foldable"]
+    return designs.assign(foldable=pd.array(truth.to_numpy(bool), dtype="boolean"))
+
+
+class Refitted(Recorder):
+    """One that can only be fitted anew."""
+
+    continue_fit = None
+
+    def __getattribute__(self, name):
+        if name == "continue_fit":
+            raise AttributeError(name)
+        return super().__getattribute__(name)
+
+    def fit(self, X, y):
+        return Recorder.continue_fit(self, X, y, epochs=self.epochs)
+
+
+@pytest.mark.parametrize("strategy", ["boundary", "random"])
+def test_a_pool_is_drawn_from_without_putting_back(strategy):
+    pool, asked = pool_of(140), []
+
+    def label(designs):
+        asked.extend(designs.index)
+        return pool.loc[designs.index]
+
+    test = pool[REDUCED.names], pool["foldable"].to_numpy(bool)
+    result = augment(
+        REDUCED, label, Refitted, strategy=strategy, plan=PLAN, seed=0, test=test, pool=pool
+    )
+    assert len(asked) == len(set(asked)) == 120 and set(asked) <= set(pool.index)
+    assert result.model.calls == [(60, 3), (80, 3), (100, 3), (120, 3)]
+    with pytest.raises(InputError, match="the pool has 119 designs, and the plan asks for 120"):
+        augment(
+            REDUCED, label, Refitted, strategy=strategy, plan=PLAN, seed=0, test=test,
+            pool=pool.iloc[:119],
+        )  # fmt: skip
+
+
+def test_what_labels_teach_besides_is_trained_on_and_costs_nothing():
+    def twice(known):
+        assert known["foldable"].notna().all()
+        return known
+
+    designs = REDUCED.sample(50, seed=9)
+    truth = TimoshenkoSource().evaluate(designs)["foldable"].to_numpy()
+    result = augment(
+        REDUCED, Forgetful(), Recorder, plan=PLAN, seed=0, test=(designs, truth), expand=twice
+    )
+    assert [n for n, _ in result.model.calls] == [96, 128, 160, 192]
+    assert list(result.curve["labels"]) == [60, 80, 100, 120]
+
+
+class Dear:
+    name, version, space = "dear", "1", REDUCED
+
+    def label(self, design):
+        return TimoshenkoSource().label(design)
+
+
+def test_a_source_that_is_no_formula_needs_test_labels():
+    with pytest.raises(InputError, match="'dear' is no formula, and 20000 test designs would cost"):
+        compare_strategies(Dear(), PLAN, seeds=(0,), make_model=Recorder)
+    table = pool_of(300)
+    table.loc[:9, "foldable"] = None
+    curves, _ = compare_strategies(
+        Dear(), PLAN, seeds=(0,), make_model=Recorder, test=table, target=0.5
+    )
+    rest = table.iloc[10:]
+    known = rest[REDUCED.names], rest["foldable"].to_numpy(bool)
+    same = augment(REDUCED, Dear(), Recorder, plan=PLAN, seed=0, test=known).curve
+    got = curves[curves["strategy"] == "boundary"]["accuracy"]
+    assert got.tolist() == same["accuracy"].tolist()
