@@ -41,11 +41,14 @@ MAY = {
     "foldlab.tables": set(),
     "foldlab.quantities": set(),
     "foldlab.materials": set(),
+    "foldlab.memory": set(),
     "foldlab.plots": set(),
     "foldlab.terminal": set(),
     "foldlab.datasets": set(),
     "foldlab.tracking": {"foldlab.learning"},
-    "foldlab.labels": {"foldlab.datasets", "solver.cases.unit", "solver.equilibrium"},
+    "foldlab.labels": {
+        "foldlab.datasets", "foldlab.memory", "solver.cases.unit", "solver.equilibrium"
+    },
     "foldlab.campaign": {"foldlab.labels"},
     "foldlab.learning": {"foldlab.labels", "foldlab.learning.symbolic", "foldlab.plots"},
     "foldlab.learning.symbolic": {"foldlab.labels"},

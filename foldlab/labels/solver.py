@@ -14,11 +14,11 @@ from foldlab.labels import verdict as judging
 from foldlab.labels.asked import Changing, Conditions, Effort, check_strips
 from foldlab.labels.foldability import Thresholds
 from foldlab.labels.label import Label
-from foldlab.labels.memory import forget_peak, hand_back
 from foldlab.labels.rod import RodSource
 from foldlab.labels.run import Run
 from foldlab.labels.strength import Strengths, breaking, peaks
 from foldlab.labels.timoshenko import TimoshenkoSource
+from foldlab.memory import forget_peak, hand_back
 from foldlab.settings import call, changed
 
 if TYPE_CHECKING:
@@ -398,9 +398,12 @@ def make_source(name: str, settings: Mapping[str, Any] | None = None, **fixed):
     ``fixed`` is what the program gives, such as the space. Raises :class:`InputError` for an
     unknown source, unknown settings or values of a wrong type.
     """
-    if name not in SOURCES:
-        raise InputError(f"no label source {name!r}; there are: {', '.join(SOURCES)}")
-    return call(SOURCES[name], settings or {}, what=f"source {name!r}", **fixed)
+    from foldlab.labels.ladder import LadderSource  # which is made of the others
+
+    sources = {**SOURCES, LadderSource.name: LadderSource}
+    if name not in sources:
+        raise InputError(f"no label source {name!r}; there are: {', '.join(sources)}")
+    return call(sources[name], settings or {}, what=f"source {name!r}", **fixed)
 
 
 def _why(unit: Unit) -> str:

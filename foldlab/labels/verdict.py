@@ -13,8 +13,8 @@ import numpy as np
 
 from foldlab.labels import foldability, screening
 from foldlab.labels.foldability import TOUCHING, Thresholds
-from foldlab.labels.memory import peak_memory_mb
 from foldlab.labels.timoshenko import lift_off_stiffness
+from foldlab.memory import peak_memory_mb
 
 if TYPE_CHECKING:
     from foldlab.labels.run import Run

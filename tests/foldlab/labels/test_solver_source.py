@@ -21,11 +21,11 @@ from foldlab.labels import foldability, solver
 from foldlab.labels.asked import Conditions, Effort
 from foldlab.labels.foldability import Thresholds
 from foldlab.labels.label import LabelSource, storable
-from foldlab.labels.memory import hand_back
 from foldlab.labels.rod import RodSource
 from foldlab.labels.solver import SolverSource, make_source
 from foldlab.labels.strength import Strengths
 from foldlab.labels.verdict import ACROSS, CURVE_POINTS, FLOOR, Errors
+from foldlab.memory import hand_back
 from solver.equilibrium import clock
 from solver.physics.elastic import Elastic
 
