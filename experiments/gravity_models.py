@@ -1,9 +1,11 @@
-"""How well do models learn folding under weight from solver labels?
+"""How well do models learn folding under weight from solver labels, and what does physics add?
 
-The gravity dataset, split once. Each model learns from the same labels and is scored on designs
-that nothing else sees; each also gets a threshold for a stated false-positive rate from a third
-part. The regime map under gravity shows the best model's answer over two groups on slices of a
-third, with designs on it that the solver was asked about afterwards.
+The gravity dataset in five folds: each label is predicted by a model that has not seen it. Each
+model sees the groups alone, beside them what beam theory says ("physics"), or a rod's answer too
+("rod"). One half of these predictions chooses the threshold for a stated false-positive rate, the
+other is what it is stated on. The learning curve says how many labels physics is worth. The regime
+map under gravity shows the best model that needs no rod over two groups on slices of a third, with
+designs on it that the solver was asked about afterwards.
 """
 
 from __future__ import annotations
@@ -15,18 +17,21 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
-from sklearn.model_selection import StratifiedKFold, train_test_split
+from sklearn.model_selection import StratifiedKFold
 
 from experiments.common import main, save_figure
 from foldlab.datasets import load_dataset
 from foldlab.design import FULL
 from foldlab.errors import InputError
+from foldlab.labels import beam
 from foldlab.labels.asked import Effort
 from foldlab.labels.foldability import Thresholds
+from foldlab.labels.rod import rod_of
 from foldlab.labels.solver import SolverSource
 from foldlab.learning.features import probability_of_folding
-from foldlab.learning.operating_point import at_rate
-from foldlab.learning.scoring import model_size, score
+from foldlab.learning.operating_point import threshold_of
+from foldlab.learning.plots import plot_learning_curves, plot_reliability
+from foldlab.learning.scoring import calibration_error, model_size, reliability, upper_bound
 from foldlab.learning.train import fit, known_labels, symbolic_options
 from foldlab.maps.plots import plot_regimes
 from foldlab.maps.regimes import regime_map
@@ -43,11 +48,15 @@ HELD = {
 class Config:
     seed: int = 0
     dataset: str = "gravity-5k"
-    models: tuple[str, ...] = ("tree", "boosted", "symbolic", "network")
-    symbolic_seconds: float = 60.0
-    test: float = 0.2
-    calibration: float = 0.15
-    rate: float = 0.02
+    models: tuple[str, ...] = ("tree", "boosted", "network", "symbolic")
+    inputs: tuple[str, ...] = ("groups", "physics", "rod")
+    folds: int = 5
+    symbolic_seconds: float = 12.0
+    symbolic_nodes: int = 30
+    rate: float = 0.01
+    learner: str = "boosted"
+    """Whose learning curve is drawn."""
+    curve: tuple[int, ...] = (100, 250, 500, 1000, 2000, 3700)
     points: int = 60_000
     verified: int = 60
     limit: int = 0
@@ -55,8 +64,9 @@ class Config:
 
 
 TINY = Config(
-    models=("tree", "symbolic"), symbolic_seconds=2.0, points=600, verified=2, limit=400, rate=0.3
-)
+    models=("tree", "symbolic"), folds=2, symbolic_seconds=2.0, learner="tree", curve=(60, 120),
+    points=600, verified=2, limit=400, rate=0.1,
+)  # fmt: skip
 
 
 def run(config: Config, tracker) -> dict[str, Any]:
@@ -68,81 +78,151 @@ def run(config: Config, tracker) -> dict[str, Any]:
         uniaxial = uniaxial.head(config.limit)
     known, unknown = known_labels(uniaxial, FULL)
     known[["normalised_angle", "threshold"]] = uniaxial[["normalised_angle", "threshold"]]
+    known = known.reset_index(drop=True)
     if known["foldable"].nunique() < 2:
         raise InputError("all labels of the dataset say the same; there is nothing to learn")
-    options = {"random_state": config.seed, "stratify": known["foldable"]}
-    rest, test = train_test_split(known, test_size=config.test, **options)
-    options["stratify"] = rest["foldable"]
-    train, calibration = train_test_split(rest, test_size=config.calibration, **options)
-    X, y = test[FULL.names], test["foldable"]
-    special = symbolic_options(config.symbolic_seconds, config.seed)
-    rows, models = [], {}
+    rows, probabilities = [], {}
     for name in config.models:
-        start = time.perf_counter()
-        model = fit(name, FULL, train, seed=config.seed, **special.get(name, {}))
-        seconds = time.perf_counter() - start
-        size, unit = model_size(model)
-        result = score(model, X, y)
-        try:
-            careful, _ = at_rate(
-                model, calibration[FULL.names], calibration["foldable"], rate=config.rate
-            )
-            cautious = score(careful, X, y)
-        except InputError as error:
-            # A tree that is certain and wrong has no threshold for a small rate.
-            print(f"{name}: {error}", file=sys.stderr)
-            cautious = {"false_positive_rate": None, "recall": None}
-        rows.append(
-            {
-                "model": name,
-                "accuracy": result["accuracy"],
-                "accuracy_low": result["accuracy_interval"][0],
-                "accuracy_high": result["accuracy_interval"][1],
-                "false_positive_rate": result["false_positive_rate"],
-                "recall": result["recall"],
-                "cautious_false_positive_rate": cautious["false_positive_rate"],
-                "cautious_recall": cautious["recall"],
-                "train_seconds": seconds,
-                "size": f"{size} {unit}",
-            }
-        )
-        models[name] = model
-        tracker.model(name, model, X.head())
-    best = max(rows, key=lambda row: row["accuracy"])["model"]
-    out = {
+        for inputs in config.inputs:
+            row, probability, model = _validated(known, name, inputs, config)
+            rows.append(row | _careful(probability, known["foldable"].to_numpy(bool), config))
+            probabilities[name, inputs] = probability
+            tracker.model(f"{name}-{inputs}", model, known[FULL.names].head())
+    curves = _curves(known, config)
+    figure = plot_learning_curves(
+        curves, as_error=True, title=f"{config.learner}, {config.folds} folds of solver labels"
+    )
+    save_figure(figure, "gravity_learning")
+    tracker.figure("gravity_learning", figure)
+    best = max(
+        (row for row in rows if row["inputs"] != "rod"), key=lambda row: row["accuracy"], default={}
+    )
+    _draw_reliability(probabilities, known, tracker)
+    y = known["foldable"].to_numpy(bool)
+    options = _options(best["model"], best["inputs"], config)
+    final = fit(best["model"], FULL, known, seed=config.seed, **options)
+    median = curves.groupby(["strategy", "labels"])["accuracy"].median()
+    return {
         "labels": len(known),
         "unknown": unknown,
-        "training": len(train),
-        "test": len(test),
-        "best": best,
+        "folds": config.folds,
+        "majority": float(max(y.mean(), 1 - y.mean())),
+        # Neither of these two has seen a label.
+        "beam_accuracy": float(np.mean((beam.formulas(known)["net"].to_numpy() > 1) == y)),
+        "rod_accuracy": float(np.mean((rod_of(known)["rod"].to_numpy() > 1) == y)),
+        "best_without_rod": f"{best['model']} {best['inputs']}",
+        "learning": [
+            {"inputs": inputs, "labels": int(n), "accuracy": float(value)}
+            for (inputs, n), value in median.items()
+        ],
         "isotropic": _isotropic(table, config),
-        **_map(models[best], config, tracker),
+        **_map(final, config, tracker),
         "table": rows,
     }
-    if "symbolic" in models:
-        out["formula"] = str(models["symbolic"].formula_)
-    return out
+
+
+def _options(name: str, inputs: str, config: Config) -> dict[str, Any]:
+    options = {"inputs": inputs}
+    if name == "symbolic":
+        options |= symbolic_options(config.symbolic_seconds, config.seed)[name]
+        options["max_size"] = config.symbolic_nodes
+    return options
+
+
+def _folds(known: pd.DataFrame, config: Config):
+    shuffled = StratifiedKFold(config.folds, shuffle=True, random_state=config.seed)
+    return list(shuffled.split(known, known["foldable"]))
+
+
+def _validated(known: pd.DataFrame, name: str, inputs: str, config: Config):
+    """A row of the table, the probability of each label (n,) and the last fold's model."""
+    y = known["foldable"].to_numpy(bool)
+    probability, seconds, right = np.full(len(y), np.nan), [], []
+    for train, held in _folds(known, config):
+        start = time.perf_counter()
+        model = fit(
+            name, FULL, known.iloc[train], seed=config.seed, **_options(name, inputs, config)
+        )
+        seconds.append(time.perf_counter() - start)
+        probability[held] = probability_of_folding(model, known.iloc[held][FULL.names])
+        right.append(float(np.mean((probability[held] >= 0.5) == y[held])))
+    size, unit = model_size(model)
+    row = {
+        "model": name,
+        "inputs": inputs,
+        "accuracy": float(np.mean(right)),
+        "accuracy_low": min(right),
+        "accuracy_high": max(right),
+        "calibration_error": calibration_error(probability, y),
+        "train_seconds": float(np.median(seconds)),
+        "size": f"{size} {unit}",
+    }
+    if name == "symbolic":
+        row["formula"] = str(model.formula_)
+    return row, probability, model
+
+
+def _careful(probability: np.ndarray, y: np.ndarray, config: Config) -> dict[str, Any]:
+    """Recall and false positives at the threshold for the rate, on the half that did not choose."""
+    chooses = np.random.default_rng(config.seed).random(len(y)) < 0.5
+    try:
+        point = threshold_of(probability[chooses], y[chooses], rate=config.rate)
+    except InputError as error:
+        # A tree that is certain and wrong has no threshold for a small rate.
+        print(error, file=sys.stderr)
+        return {"recall": None, "false_positive_rate": None, "false_positive_bound": None}
+    folds, y = probability[~chooses] >= point.threshold, y[~chooses]
+    return {
+        "recall": float(folds[y].mean()),
+        "false_positive_rate": float(folds[~y].mean()),
+        "false_positive_bound": upper_bound(int(folds[~y].sum()), int((~y).sum())),
+    }
+
+
+def _curves(known: pd.DataFrame, config: Config) -> pd.DataFrame:
+    """Accuracy on the held fold after so many labels of the others, for each kind of inputs."""
+    y, rows = known["foldable"].to_numpy(bool), []
+    for inputs in config.inputs:
+        options = _options(config.learner, inputs, config)
+        for k, (train, held) in enumerate(_folds(known, config)):
+            for n in sorted({min(n, len(train)) for n in config.curve}):
+                some = known.iloc[np.random.default_rng([config.seed, k]).permutation(train)[:n]]
+                if some["foldable"].nunique() < 2:
+                    continue
+                model = fit(config.learner, FULL, some, seed=config.seed, **options)
+                right = model.predict(known.iloc[held][FULL.names]) == y[held]
+                # The folds' largest sizes differ by a label; they are one point of the curve.
+                at = min(n, min(len(t) for t, _ in _folds(known, config)))
+                rows.append(
+                    {"strategy": inputs, "seed": k, "labels": at, "accuracy": float(right.mean())}
+                )
+    return pd.DataFrame(rows)
+
+
+def _draw_reliability(probabilities: dict, known: pd.DataFrame, tracker) -> None:
+    tables = {
+        f"{name}, {inputs}": reliability(probability, known["foldable"])
+        for (name, inputs), probability in probabilities.items()
+        if inputs == "physics"
+    }
+    figure = plot_reliability(tables, title=f"{len(known)} labels, each unseen by its model")
+    save_figure(figure, "gravity_reliability")
+    tracker.figure("gravity_reliability", figure)
 
 
 def _isotropic(table: pd.DataFrame, config: Config) -> dict[str, Any]:
-    """Five-fold accuracy of boosted trees on the labels of isotropic contraction."""
+    """Accuracy of boosted trees on the labels of isotropic contraction, for each kind of inputs."""
     part = table[(table["growth"] == "isotropic") & table["foldable"].notna()]
-    fold_counts = part["foldable"].astype(bool).value_counts()
-    if len(fold_counts) < 2 or fold_counts.min() < 5:
-        return {"labels": len(part), "accuracy": None}
-    X, y = part[FULL.names].reset_index(drop=True), part["foldable"].astype(bool).to_numpy()
-    right = []
-    for k, (fold, held) in enumerate(
-        StratifiedKFold(5, shuffle=True, random_state=config.seed).split(X, y)
-    ):
-        model = fit("boosted", FULL, part.iloc[fold], seed=config.seed + k)
-        right.append(float((model.predict(X.iloc[held]) == y[held]).mean()))
-    return {
-        "labels": len(part),
-        "folds": int(y.sum()),
-        "majority": float(max(y.mean(), 1 - y.mean())),
-        "accuracy": float(np.mean(right)),
-    }
+    part = part.assign(foldable=part["foldable"].astype(bool)).reset_index(drop=True)
+    counts = part["foldable"].value_counts()
+    out = {"labels": len(part), "folds": int(part["foldable"].sum())}
+    if len(counts) < 2 or counts.min() < config.folds:
+        return out
+    out["majority"] = float(counts.max() / len(part))
+    for inputs in config.inputs:
+        row, _, _ = _validated(part, "boosted", inputs, config)
+        out[inputs] = row["accuracy"]
+    return out
 
 
 def _map(model, config: Config, tracker) -> dict[str, Any]:

@@ -89,7 +89,7 @@ class Run:
         if isinstance(classifier, FixedThresholdClassifier):
             inner = getattr(classifier, "estimator_", classifier.estimator)
         if kind == "network":
-            self._log_network(name, inner, example.to_numpy(), inner.decision_function(example))
+            self._log_network(name, inner, inner.seen(example), inner.decision_function(example))
         elif kind == "sklearn":
             self._mlflow.sklearn.log_model(
                 inner,

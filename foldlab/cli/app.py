@@ -107,6 +107,10 @@ def train(
         float | None,
         typer.Option("--false-positive-rate", help="Threshold for this rate, from the hold-out."),
     ] = None,
+    coverage: Annotated[
+        float | None,
+        typer.Option(help="Say don't know, so as to be right or silent this often."),
+    ] = None,
     overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace a saved model.")] = False,
     seed: Seed = 0,
     given: Given,
@@ -120,7 +124,13 @@ def train(
     check_target(out, overwrite)
     with only_whole(out):
         fitted, result = train_on(
-            table, model, seed=seed, holdout=holdout, rate=rate, options=options
+            table,
+            model,
+            seed=seed,
+            holdout=holdout,
+            rate=rate,
+            coverage=coverage,
+            options=options,
         )
         save_model(fitted, out, result, overwrite=overwrite)
     emit({**result, "folder": out}, as_json)
@@ -133,13 +143,17 @@ def score(
     as_json: Json = False,
 ) -> None:
     """Score a trained model on a table of labels; designs of unknown label are left out."""
+    from foldlab.learning.conformal import Borders, measured
     from foldlab.learning.saving import load_model
     from foldlab.learning.scoring import score as scores
     from foldlab.learning.train import known_labels
 
     fitted, card = load_model(model)
     table, unknown = known_labels(read_table(labels), space_named(card["space"]))
-    result = scores(fitted, table.drop(columns="foldable"), table["foldable"])
+    designs, truth = table.drop(columns="foldable"), table["foldable"]
+    result = scores(fitted, designs, truth)
+    if borders := card["metadata"].get("borders"):
+        result |= measured(fitted, Borders(**borders), designs, truth)
     emit({"model": card["model"], **result, "unknown": unknown}, as_json)
 
 

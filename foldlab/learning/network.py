@@ -161,8 +161,7 @@ class NetworkClassifier(ClassifierMixin, BaseEstimator):
 
     def decision_function(self, X) -> np.ndarray:
         """Log-odds of ``classes_[1]``, shape (n,)."""
-        check_is_fitted(self, "module_")
-        groups = self._read(X, None, reset=False)
+        groups = self.seen(X)
         self.module_.eval()
         with _one_thread(), torch.no_grad():
             parts = [self.module_(part) for part in torch.from_numpy(groups).split(CHUNK)]
@@ -177,6 +176,11 @@ class NetworkClassifier(ClassifierMixin, BaseEstimator):
         """Class of each design, shape (n,)."""
         z = self.decision_function(X)
         return self.classes_[(z > 0).astype(int)]
+
+    def seen(self, X) -> np.ndarray:
+        """What ``module_`` is given of designs: groups, or the columns that ``inputs`` adds."""
+        check_is_fitted(self, "module_")
+        return self._read(X, None, reset=False)
 
     @property
     def size_(self) -> tuple[int, str]:

@@ -77,9 +77,14 @@ def choose_threshold(model, X, y, *, rate: float, confidence: float = CONFIDENCE
     Raises :class:`InputError` for too few non-folding designs (it says how many are needed), for
     unknown labels, and where the model is certain of so many wrong designs that no threshold helps.
     """
-    _check_rate(rate, confidence)
     y = as_labels(y)
-    probability = _probability(model, X, y)
+    return threshold_of(_probability(model, X, y), y, rate=rate, confidence=confidence)
+
+
+def threshold_of(probability, y, *, rate: float, confidence: float = CONFIDENCE) -> OperatingPoint:
+    """:func:`choose_threshold` from probabilities of folding (n,) and labels (n,)."""
+    _check_rate(rate, confidence)
+    y, probability = as_labels(y), np.asarray(probability, dtype=float)
     check_calibration(y, rate=rate, confidence=confidence)
     negatives = np.sort(probability[~y])[::-1]
     allowed = _most_false_positives(len(negatives), rate, confidence)

@@ -231,3 +231,37 @@ def plot_trade_off(
     )
     axes.legend()
     return figure
+
+
+def plot_reliability(tables: Mapping[str, pd.DataFrame], *, title: str | None = None) -> Figure:
+    """Fraction that folds over the predicted probability, with 95 % intervals; a line per model.
+
+    ``tables``: name → table of :func:`foldlab.learning.scoring.reliability`.
+    """
+    with mpl.rc_context(STYLE):
+        figure = Figure(figsize=(4.4, 4.0), layout="constrained")
+        ax = figure.subplots()
+        ax.plot([0, 1], [0, 1], color="#4D4D4D", ls=(0, (4, 3)), lw=0.8, label="calibrated")
+        for k, (name, table) in enumerate(tables.items()):
+            need_columns(table, ["probability", "fraction", "low", "high"])
+            off = np.abs(table[["low", "high"]].to_numpy().T - table["fraction"].to_numpy())
+            ax.errorbar(
+                table["probability"],
+                table["fraction"],
+                yerr=off,
+                color=LINES[k % len(LINES)],
+                marker="osD^v"[k % 5],
+                ms=3.5,
+                lw=1.1,
+                elinewidth=0.7,
+                capsize=2,
+                label=name,
+            )
+        ax.set_xlabel("predicted probability of folding")
+        ax.set_ylabel("fraction that folds")
+        ax.set_aspect("equal")
+        ax.spines[["top", "right"]].set_visible(False)
+        ax.legend(loc="upper left")
+        if title:
+            ax.set_title(title)
+    return figure

@@ -79,6 +79,43 @@ def score(model, X, y, *, confidence: float = CONFIDENCE) -> dict:
     return out
 
 
+def reliability(probability, y, *, bins: int = 10) -> pd.DataFrame:
+    """How often designs fold that a model gives such a probability, in bins of equal width.
+
+    ``probability`` of folding (n,), labels ``y`` (n,). One row per bin that holds designs: ``n``,
+    mean ``probability``, ``fraction`` that folds with ``low`` and ``high`` (two-sided
+    Clopper–Pearson). Raises :class:`InputError` for tables of unequal length, and for what is no
+    probability.
+    """
+    y, probability = as_labels(y), np.asarray(probability, dtype=float)
+    if len(y) != len(probability) or len(y) == 0:
+        raise InputError(
+            f"{len(probability)} probabilities and {len(y)} labels; expected one per design"
+        )
+    if not ((probability >= 0) & (probability <= 1)).all():
+        raise InputError("probabilities outside of 0 to 1; give the probability of folding")
+    at = np.minimum((probability * bins).astype(int), bins - 1)
+    rows = []
+    for k in np.unique(at):
+        here = at == k
+        n, folds = int(here.sum()), int(y[here].sum())
+        low, high = clopper_pearson(folds, n)
+        mean = float(probability[here].mean())
+        rows.append({"n": n, "probability": mean, "fraction": folds / n, "low": low, "high": high})
+    return pd.DataFrame(rows)
+
+
+def calibration_error(probability, y, *, bins: int = 10) -> float:
+    """Expected calibration error: Σ n_b/n |fraction that folds − mean probability|.
+
+    Over the bins of :func:`reliability` (Naeini, Cooper and Hauskrecht, AAAI 2015). It is above 0
+    for a perfect model too, by the noise of n labels.
+    """
+    table = reliability(probability, y, bins=bins)
+    off = (table["fraction"] - table["probability"]).abs()
+    return float((table["n"] * off).sum() / table["n"].sum())
+
+
 def seconds_per_million(model, X) -> float:
     """Wall seconds for a million predictions, from one call on at least 20 000 rows."""
     rows = np.arange(max(len(X), TIMED_ROWS)) % len(X)

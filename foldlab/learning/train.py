@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from dataclasses import asdict
 from typing import Any
 
 import pandas as pd
@@ -10,11 +11,12 @@ from sklearn.model_selection import train_test_split
 
 from foldlab.design import DesignSpace, space_of
 from foldlab.errors import InputError
-from foldlab.learning.features import as_labels
+from foldlab.learning.conformal import borders_of, check_enough, measured
+from foldlab.learning.features import as_labels, probability_of_folding
 from foldlab.learning.models import make_classifier
 from foldlab.learning.operating_point import at_rate, check_calibration
 from foldlab.learning.physics import default_inputs
-from foldlab.learning.scoring import model_size, score
+from foldlab.learning.scoring import calibration_error, model_size, score
 
 DEFAULT_LABELS = 6000
 
@@ -44,14 +46,17 @@ def train_on(
     seed: int,
     holdout: float = 0.2,
     rate: float | None = None,
+    coverage: float | None = None,
     options: dict[str, Any] | None = None,
 ) -> tuple[Any, dict[str, Any]]:
     """Train the model ``name`` on a table of labels; returns it with what was measured.
 
     The fraction ``holdout`` of the labels is kept out of the training to score the model. With
     ``rate`` half of it chooses the threshold for this false-positive rate and the other half scores
-    the result, so that no design is used twice. Raises :class:`InputError` for a bad table, an
-    unknown model or option, or, before it trains, too few labels for the holdout or the rate.
+    the result, so that no design is used twice. With ``coverage`` that half also chooses between
+    which probabilities the model doesn't know (:mod:`foldlab.learning.conformal`); ``borders`` says
+    it. Raises :class:`InputError` for a bad table, an unknown model or option, or, before it
+    trains, too few labels for the holdout, the rate or the coverage.
     """
     if not 0 < holdout < 1:
         raise InputError(f"holdout = {holdout:g}; expected a fraction between 0 and 1")
@@ -67,29 +72,40 @@ def train_on(
             "5 of each kind: label more designs"
         )
     training, held = _split(known, holdout, seed, f"training and a holdout of {holdout:g}")
-    if rate is not None:
+    if rate is not None or coverage is not None:
         calibration, held = _split(held, 0.5, seed, "choosing the threshold and scoring it")
+    if rate is not None:
         check_calibration(calibration["foldable"], rate=rate)
+    if coverage is not None:
+        check_enough(calibration["foldable"], coverage=coverage)
     start = time.perf_counter()
     model = fit(name, space, training, seed=seed, **(options or {}))
     seconds = time.perf_counter() - start
-    point = None
+    point, borders, answers = None, None, {}
+    if coverage is not None:
+        probability = probability_of_folding(model, calibration[space.names])
+        borders = borders_of(probability, calibration["foldable"], coverage=coverage)
+        answers = measured(model, borders, held[space.names], held["foldable"])
     if rate is not None:
         model, point = at_rate(model, calibration[space.names], calibration["foldable"], rate=rate)
     size, unit = model_size(model)
+    X, y = held[space.names], held["foldable"]
     return model, {
         "model": name,
         "space": space.name,
         "inputs": default_inputs(space, (options or {}).get("inputs")),
         "seed": seed,
         "labels": len(training),
-        "calibration_labels": point.labels if point else 0,
+        "calibration_labels": len(calibration) if point or borders else 0,
         "threshold": point.threshold if point else None,
         "unknown": unknown,
         "train_seconds": seconds,
         "size": size,
         "size_unit": unit,
-        **{f"holdout_{k}": v for k, v in score(model, held[space.names], held["foldable"]).items()},
+        "borders": asdict(borders) if borders else None,
+        **{f"holdout_{k}": v for k, v in answers.items()},
+        "holdout_calibration_error": calibration_error(probability_of_folding(model, X), y),
+        **{f"holdout_{k}": v for k, v in score(model, X, y).items()},
     }
 
 

@@ -45,6 +45,7 @@ __all__ = ["Constraints", "SymbolicClassifier", "SymbolicRegressor"]
 
 _SEARCH_FRACTION = 0.85  # of the seconds; the rest is for refitting constants
 _GUARDS = 2048  # points of the box at which a formula must be defined
+_DESIGNS = {"physics": 20_000, "rod": 4000}  # that take the place of the box's points
 _CORNERS = 10  # dimensions up to which every corner of the box is one of the guards
 _WORST_LOG = 20.0
 _REFIT_STEPS = 12  # Levenberg–Marquardt; the engine has tuned the constants before
@@ -94,8 +95,10 @@ class SymbolicRegressor(RegressorMixin, BaseEstimator):
         self.log_target = log_target
         self.reciprocal = reciprocal
 
-    def fit(self, X, y) -> SymbolicRegressor:
+    def fit(self, X, y, guards=None) -> SymbolicRegressor:
         """Search. X: (n, inputs) designs, raw values; y: (n,) scalar target, in its own units.
+
+        ``guards`` (m, inputs): where a formula must be defined; without, in the box of X.
 
         Raises :class:`InputError` for an unknown engine, bad constraints or targets, and where no
         finite formula within the constraints was found.
@@ -130,7 +133,9 @@ class SymbolicRegressor(RegressorMixin, BaseEstimator):
             self.log_target,
             start + _SEARCH_FRACTION * limits.seconds,
         )
-        guards = _guard_points(*self._box(X), limits.seed)
+        if guards is None:
+            guards = _guard_points(*self._box(X), limits.seed)
+        guards = np.asarray(guards, dtype=float)
         rows = []
         for tree in candidates:
             if rows and time.monotonic() > end:
@@ -279,7 +284,11 @@ class SymbolicClassifier(ClassifierMixin, BaseEstimator):
         y = np.asarray(y, dtype=float)
         X = self._seen(X)
         self.regressor_ = self._regressor()
-        self.regressor_.fit(X, np.tanh(y / self.threshold - 1) if self.margin else y)
+        guards = None
+        if self.inputs != "groups":
+            # Of the box around these columns most is no design.
+            guards = self._seen(self.space.sample(_DESIGNS[self.inputs], seed=0))
+        self.regressor_.fit(X, np.tanh(y / self.threshold - 1) if self.margin else y, guards)
         self.classes_ = np.array([False, True])
         self.n_features_in_ = self.regressor_.n_features_in_
         if self.space is not None:

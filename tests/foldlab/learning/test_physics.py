@@ -15,6 +15,7 @@ from foldlab.learning.network import SmoothNetwork
 from foldlab.learning.physics import PhysicsFeatures, default_inputs
 from foldlab.learning.saving import load_model, save_model, space_of_model
 from foldlab.learning.train import fit, train_on
+from foldlab.tracking import track
 
 QUICK = {
     "tree": {},
@@ -119,3 +120,23 @@ def test_train_says_which_inputs_it_took(labels):
     assert card["inputs"] == "physics"
     _, card = train_on(labels.head(400), "tree", seed=0, options={"inputs": "groups"})
     assert card["inputs"] == "groups"
+
+
+@pytest.mark.parametrize("inputs", ["physics", "rod"])
+def test_a_formula_of_physics_is_defined_in_designs_that_no_label_is_near(inputs, labels):
+    # log(ratio) fits well, and has no value where a soft layer's ends take all of its turning.
+    some = labels[beam.formulas(labels)["ratio"].to_numpy() > 0.02].head(200)
+    model = fit("symbolic", FULL, some, seed=0, inputs=inputs, seconds=60.0, generations=15)
+    fresh = FULL.sample(1000, seed=77)
+    assert (beam.formulas(fresh)["ratio"] < 0).any()
+    assert np.isfinite(model.predict_proba(fresh)).all()
+
+
+def test_a_network_of_physics_is_tracked(labels, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.delenv("MLFLOW_TRACKING_URI", raising=False)
+    X = labels[FULL.names].head(60)
+    network = SmoothNetwork(FULL, members=1, epochs=40, inputs="physics", rtol=0.1)
+    with track("physics", {}) as run:
+        run.model("network", network.fit(X, labels["foldable"].head(60)), X.head(3))
+    assert list((tmp_path / "mlruns").rglob("*.pt2"))
