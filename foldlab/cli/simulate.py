@@ -71,6 +71,10 @@ class Solving:
         float, typer.Option(help="Coefficient of friction of the ground, such as 0.3.")
     ] = 0.0
     need: Need = None
+    sensitivity: Annotated[
+        bool,
+        typer.Option("--sensitivity", help="Tell how angles and strains change with each group."),
+    ] = False
 
     def source(self, strengths: Strengths, space: DesignSpace, changing: Changing) -> SolverSource:
         """The label source that solves so, and tells what breaks."""
@@ -82,7 +86,8 @@ class Solving:
             self.effects, self.growth, not self.free, self.strips, barrier=self.barrier,
             friction=self.friction,
         )  # fmt: skip
-        effort, thresholds = Effort(self.accuracy, self.timeout), Thresholds(need=self.need)
+        effort = Effort(self.accuracy, self.timeout, sensitivity=self.sensitivity)
+        thresholds = Thresholds(need=self.need)
         return SolverSource(
             conditions, effort, self.question, space=space, thresholds=thresholds,
             strengths=strengths, changing=changing,

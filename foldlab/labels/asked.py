@@ -141,13 +141,15 @@ class Effort:
     ``timeout``: core-seconds per label, after which it is unknown; what compiling takes, at the
     first label on a machine, is not counted. ``refine``: "always"; "near" a threshold only and
     where the coarsest path is in doubt, see :mod:`foldlab.labels.screening`; or "never". What is
-    not refined states an error that was calibrated on other designs. Raises :class:`InputError` for
-    other values.
+    not refined states an error that was calibrated on other designs. ``sensitivity``: state how the
+    last state changes with every group, too, see :meth:`foldlab.labels.run.Run.sensitivity`. Raises
+    :class:`InputError` for other values.
     """
 
     accuracy: float = 0.02
     timeout: float = 60.0
     refine: Literal["always", "near", "never"] = "always"
+    sensitivity: bool = False
 
     def __post_init__(self):
         for name in ("accuracy", "timeout"):

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
+from foldlab.labels.foldability import measure
 from solver.cases.unit.output import Shape
 from solver.cases.unit.path import Ending, Folding
 
@@ -39,8 +40,43 @@ class Run:
         names = ("m1", "m2", "m3", "m4", "hinge", "turning_hinge", "turning_ends")
         return {k: self.history[-1][k] for k in names}
 
+    def sensitivity(self) -> dict[str, dict[str, float]] | None:
+        """Derivatives of the last state by every group of the unit: of ``m1``, ``m2`` (rad),
+        ``tip`` (height of the sheet's end in l_s, over a ground) and ``strain.passive``,
+        ``strain.active`` (peak principal strain of each layer).
+
+        At the load of the state, see :func:`solver.cases.unit.sensitivity.neighbours`, which leaves
+        out what has none. None with friction, and at a critical point.
+        """
+        from solver.cases.unit.sensitivity import neighbours
+        from solver.equilibrium.linear import SingularMatrix
+
+        last, rates = self.folding.last, {}
+        try:
+            for side in neighbours(self.folding.model, self.folding.x, last.e):
+                low, high = (_measured(*at, last.e) for at in (side.below, side.above))
+                for name, value in high.items():
+                    rates.setdefault(name, {})[side.group] = (value - low[name]) / side.apart
+        except (SingularMatrix, ValueError):
+            return None
+        return rates
+
     def write_series(self, path: Path) -> list[float]:
         """The whole unit's path as a PVD series for ParaView; its loads, see ``Shape.load``."""
         from solver.cases.unit.output import write_path
 
         return write_path(path, self.shapes)
+
+
+def _measured(model, x, e: float) -> dict[str, float]:
+    from solver.cases.unit.model import foot
+    from solver.cases.unit.strain import strain
+
+    m = measure(model.curves(x, e), model.unit.hinge_length)
+    peak = strain(model, x, e)
+    out = {"m1": m.m1, "m2": m.m2}
+    if model.ground is not None:
+        there = model.body.nodes + model.scene.displacement(x, e)
+        out["tip"] = float(there[foot(model.body, (0.0, 0.5, 0.0)), 2].item())
+    layers = {"strain.passive": peak.passive, "strain.active": peak.active}
+    return out | {name: max(layer.tension, -layer.compression) for name, layer in layers.items()}

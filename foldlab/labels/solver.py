@@ -107,6 +107,7 @@ class SolverSource:
         for record in (self.thresholds, self.strengths, self.changing):
             parts += changed(record)
         parts += [f"{effort.refine}{screening.COARSE_ERROR:g}"] * (effort.refine != "always")
+        parts += ["sensitivity"] * effort.sensitivity
         return "-".join(parts)
 
     def label(self, design: Mapping[str, float]) -> Label:
@@ -189,6 +190,8 @@ class SolverSource:
         if run.history:
             evidence |= self._peaks(run, None if run.closed else before)
             foldable, reason, evidence["outcome"] = self._borne(foldable, reason, evidence)
+            if self.effort.sensitivity:
+                evidence["sensitivity"] = run.sensitivity()
         label = Label(groups, foldable, reason, evidence, self.name, self.version)
         basis = "calibrated" if coarse else "measured"
         spent = {

@@ -90,6 +90,8 @@ def summary(label: Label, run: Run, source: SolverSource) -> dict[str, Any]:
         "stress": e.get("stress"),
         "interface": e.get("interface"),
         "peak_errors": e.get("peak_errors"),
+        # by group: m1 and m2 in rad, tip in l_s; None where it was not asked for
+        "sensitivity": e.get("sensitivity"),
         "alternatives": e.get("alternatives", []),
         # over h_s, None without a ground
         "rest_gap": e.get("rest_gap"),

@@ -22,7 +22,7 @@ from scipy.spatial import cKDTree
 
 from solver.cases.unit import mesh as unit_mesh
 from solver.cases.unit.choices import Meshing, Physics, Supports, Watch
-from solver.cases.unit.curves import Curves
+from solver.cases.unit.mesh import Curves
 from solver.cases.unit.unit import GROWTHS, Unit
 from solver.equilibrium.clock import Deadline, Timed
 from solver.equilibrium.scene import Scene
@@ -178,17 +178,8 @@ def build(
             "the panels' contact is known in the mirror plane between them, and this model is "
             "without it; keep 'y' among the mirrors, or leave the effect 'contact' out"
         )
-    body = _body(unit, meshing, physics, supports.cuts)
-    terms: list[Term] = [_elastic(unit, physics, body)]
-    ground = contact = None
-    if physics.heavy:
-        layers = (unit.rho_ratio, physics.active.density), (1.0, physics.passive.density)
-        density = _by_layer(body, *layers)
-        ground = _ground(unit, physics, supports, body)
-        terms += [Gravity(body, density, unit.weight), ground]
-    if "contact" in physics.effects:
-        contact = _contact(unit, body)
-        terms.append(contact)
+    body = body_of(unit, meshing, physics, supports.cuts)
+    terms, ground, contact = acting(unit, physics, supports, body)
     u = np.zeros_like(body.nodes) if about is None else about(body)
     if physics.friction:
         terms.append(Friction.at_rest(ground, physics.friction, SLIP * unit.slenderness, u))
@@ -206,7 +197,25 @@ def build(
     )
 
 
-def _body(unit: Unit, meshing: Meshing, physics: Physics, mirrors: tuple[str, ...]) -> Body:
+def acting(
+    unit: Unit, physics: Physics, supports: Supports, body: Body
+) -> tuple[list[Term], Ground | GroundExponential | None, Ground | None]:
+    """The terms that act on a unit's body, but for friction; its ground and its panels' contact."""
+    terms: list[Term] = [_elastic(unit, physics, body)]
+    ground = contact = None
+    if physics.heavy:
+        layers = (unit.rho_ratio, physics.active.density), (1.0, physics.passive.density)
+        density = _by_layer(body, *layers)
+        ground = _ground(unit, physics, supports, body)
+        terms += [Gravity(body, density, unit.weight), ground]
+    if "contact" in physics.effects:
+        contact = _contact(unit, body)
+        terms.append(contact)
+    return terms, ground, contact
+
+
+def body_of(unit: Unit, meshing: Meshing, physics: Physics, mirrors: tuple[str, ...]) -> Body:
+    """The mesh of a unit or of what the planes normal to ``mirrors`` leave of one."""
     if meshing.body is not None:
         return meshing.body
     if meshing.grading is not None:
