@@ -41,6 +41,7 @@ LINES = {
         "train l.csv -o o --config c.toml --set members=1 --set hidden=[3]", ("l.csv", "c.toml"),
     ),
     "score": ("score m l.csv", ("m", "l.csv")),
+    "predict": ("predict d.csv -o o.csv --model m", ("d.csv", "m")),
     "score network": ("score n l.parquet", ("n", "l.parquet")),
     "map": ("map m -o o.png --points 90", ("m",)),
     "augment": (
@@ -97,9 +98,15 @@ OPTIONS = {
         "-o": NO_FOLDER, "--model": NO_NAME, "--seed": (*NO_INT, "-1"),
         "--holdout": (*NOT_ABOVE_0, "1", "1.5", "inf"),
         "--false-positive-rate": (*NOT_ABOVE_0, "1", "1.5", "inf", "1e-9"),
+        "--coverage": (*NOT_ABOVE_0, "1", "1.5", "inf", "0.9999999"),
     },
     "score": {},
+    "predict": {
+        "-o": NO_TABLE, "--model": ("none", "d.csv", ".", ""), "--workers": NO_COUNT,
+        "--defer": NO_NAME, "--timeout": (*NO_FLOAT[:2], "two"), "--labels": ("none", "d.csv"),
+    },
     "map": {
+        "--space": (*NO_SPACE, "full"), "--panels": NO_COUNT, "--verify": (*NO_INT, "-1", "3"),
         "-o": NO_PICTURE, "--against": NO_NAME, "--x": (*NO_NAME, "h_ratio", "slenderness"),
         "--y": (*NO_NAME, "E_ratio", "slenderness"), "--slice": (*NO_NAME, "E_ratio", "h_ratio"),
         "--points": (*NO_COUNT, *HUGE),
@@ -107,6 +114,7 @@ OPTIONS = {
     "augment": {
         "-o": NO_FOLDER, "--space": NO_SPACE, "--source": NO_NAME, "--seeds": NO_COUNT,
         "--target": (*NOT_ABOVE_0, "1.5", "inf"), "--seed": (*NO_INT, "-1"),
+        "--test": ("none.csv", "folder.csv", "d.csv"), "--workers": NO_COUNT,
     },
     "tune": {
         "-o": NO_FOLDER, "--trials": NO_COUNT, "--workers": NO_COUNT, "--seed": (*NO_INT, "-1"),
@@ -302,7 +310,7 @@ def _usage(rng, line, arguments, here):
         ]
     if how == 4:
         config = pick(rng, ["none.toml", "folder.csv", "d.csv"])
-        takes = line not in ("sample", "export", "score")
+        takes = line not in ("sample", "export", "score", "predict")
         return f"--config {config}", [*arguments, "--config" if takes else "--set", config]
     # Without its input, or where there is none without an output, a model or a group.
     drop = slice(2, 4) if line == "design" else slice(1, 3)

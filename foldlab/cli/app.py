@@ -23,6 +23,7 @@ from foldlab.cli.check import check, materials
 from foldlab.cli.design import design
 from foldlab.cli.maps import map_
 from foldlab.cli.outputs import only_whole, output_folder, trouble
+from foldlab.cli.predict import predict
 from foldlab.cli.simulate import simulate
 from foldlab.design import space_named, space_of
 from foldlab.errors import InputError
@@ -211,7 +212,7 @@ def quickstart(
 
 for verb in (
     *(check, label_verbs.sample, label_verbs.label, label_verbs.export, simulate),
-    *(train, score, map_, augment, tune, design, materials, quickstart),
+    *(train, score, predict, map_, augment, tune, design, materials, quickstart),
 ):
     app.command(verb.__name__.rstrip("_"))(with_records(verb))
 

@@ -60,6 +60,8 @@ def map_(
     from foldlab.plots import FORMATS, save_figure
 
     check_file(out, FORMATS)
+    if space is not None:
+        space_named(space)
     if model is None:
         if space is None:
             raise InputError("no model: give the folder of one, or --space full for a shipped one")

@@ -103,6 +103,10 @@ def train_on(
         "size": size,
         "size_unit": unit,
         "borders": asdict(borders) if borders else None,
+        "bounds": {
+            name: [float(end) for end in (training[name].min(), training[name].max())]
+            for name in space.names
+        },
         **{f"holdout_{k}": v for k, v in answers.items()},
         "holdout_calibration_error": calibration_error(probability_of_folding(model, X), y),
         **{f"holdout_{k}": v for k, v in score(model, X, y).items()},

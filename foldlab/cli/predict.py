@@ -1,0 +1,165 @@
+"""The verb ``predict``: what a model says of a table of designs, and how far it can be trusted."""
+
+from __future__ import annotations
+
+import tempfile
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, Literal
+
+import typer
+
+from foldlab.cli.outputs import check_file
+from foldlab.design import space_named, space_of
+from foldlab.errors import InputError
+from foldlab.tables import SUFFIXES, read_table, write_table
+from foldlab.terminal import Json, Workers, emit
+
+if TYPE_CHECKING:
+    import numpy as np
+    import pandas as pd
+
+    from foldlab.design import DesignSpace
+
+
+def predict(
+    *,
+    designs: Annotated[Path, typer.Argument(help="Table of designs.")],
+    out: Annotated[Path, typer.Option("-o", "--out", help="Table to write (.parquet, .csv).")],
+    model: Annotated[
+        str | None,
+        typer.Option("--model", help="Folder of a model, or a shipped one; else by the groups."),
+    ] = None,
+    labels: Annotated[
+        Path | None, typer.Option("--labels", help="Table of labels to find the nearest one in.")
+    ] = None,
+    defer: Annotated[
+        Literal["solver"] | None,
+        typer.Option("--defer", help="Whom to ask where the model doesn't know."),
+    ] = None,
+    timeout: Annotated[float, typer.Option(help="Core-seconds per label of --defer.")] = 30.0,
+    workers: Workers = 1,
+    as_json: Json = False,
+) -> None:
+    """Predict folding: probability, verdict or don't know, angle, nearest label, trained or not."""
+    from foldlab.learning.saving import load_model, shipped_for
+
+    check_file(out, SUFFIXES)
+    table = read_table(designs)
+    space = space_of(table)
+    fitted, card = load_model(model if model is not None else shipped_for(space.name))
+    if card["space"] != space.name:
+        raise InputError(
+            f"the model is of the space {card['space']}, and the designs are of {space.name}"
+        )
+    groups = space.validate(table, bounds=False)
+    result = groups.assign(**_answers(fitted, card, groups))
+    if (angle := _angles(space, groups)) is not None:
+        result["fold_angle"] = angle
+    result = result.join(_nearest(card, labels, groups))
+    open_ = result["foldable"].isna().to_numpy()
+    asked = 0
+    if defer is not None and open_.any():
+        asked = int(open_.sum())
+        result = _deferred(result, space, open_, timeout, workers, quiet=as_json)
+    write_table(result, out)
+    emit(_summary(result, card, asked) | {"file": out}, as_json)
+
+
+def _answers(fitted, card: dict[str, Any], groups: pd.DataFrame) -> dict[str, Any]:
+    """Probability, verdict (NA: don't know), who gave it, and whether it lies where it learned."""
+    from foldlab.learning.conformal import Borders
+    from foldlab.learning.features import as_labels, probability_of_folding
+
+    p = probability_of_folding(fitted, groups)
+    made = card["metadata"]
+    if made.get("borders"):
+        foldable: Any = Borders(**made["borders"]).answers(p)
+    else:
+        import pandas as pd
+
+        foldable = pd.array(as_labels(fitted.predict(groups)), dtype="boolean")
+    answers = {"probability": p, "foldable": foldable, "by": "model"}
+    if bounds := made.get("bounds"):
+        inside = [groups[name].between(*ends) for name, ends in bounds.items()]
+        answers["inside"] = sum(~part for part in inside) == 0
+    return answers
+
+
+def _angles(space: DesignSpace, groups: pd.DataFrame) -> np.ndarray | None:
+    """Fold angles in rad from the shipped model for this space, None where there is none."""
+    from foldlab.learning.saving import load_model, shipped_for
+
+    try:
+        name = shipped_for(space.name, task="angle")
+    except InputError:
+        return None
+    return load_model(name)[0].predict(groups)
+
+
+def _nearest(card: dict[str, Any], path: Path | None, groups: pd.DataFrame) -> pd.DataFrame:
+    """The nearest labelled design: its row, its verdict, and how far off it is, as a root mean
+    square over the groups of the fraction of their bounds."""
+    import numpy as np
+    import pandas as pd
+    from scipy.spatial import cKDTree
+
+    from foldlab.datasets import load_dataset
+    from foldlab.learning.train import known_labels
+
+    if path is not None:
+        table = read_table(path)
+    elif "dataset" in card["metadata"]:
+        table = load_dataset(card["metadata"]["dataset"], growth=card["metadata"]["growth"])
+    else:
+        return pd.DataFrame(index=groups.index)
+    space = space_named(card["space"])
+    known, _ = known_labels(table, space)
+    units = (space.to_unit(frame[space.names]) for frame in (known, groups))
+    off, near = cKDTree(next(units)).query(next(units))
+    return pd.DataFrame(
+        {
+            "nearest": known.index.to_numpy()[near],
+            "nearest_foldable": known["foldable"].to_numpy()[near],
+            "nearest_distance": off / np.sqrt(len(space)),
+        },
+        index=groups.index,
+    )
+
+
+def _deferred(
+    result: pd.DataFrame, space: DesignSpace, open_: np.ndarray, timeout, workers: int, quiet: bool
+) -> pd.DataFrame:
+    """With the solver's labels where the model has none."""
+    from foldlab.campaign.campaign import run_campaign
+    from foldlab.labels.solver import make_source
+    from foldlab.labels.store import LabelStore
+
+    source = make_source("solver", {"timeout": timeout}, space=space)
+    asked = result.loc[open_, space.names]
+    with tempfile.TemporaryDirectory() as folder, LabelStore(Path(folder) / "labels.db") as store:
+        run_campaign(asked, source, store, workers=workers, progress=not quiet)
+        labels = store.frame(source.name, source.version)
+    labels = asked.merge(labels, on=space.names, how="left").set_index(asked.index)
+    out = result.assign(reason="")
+    out.loc[open_, "foldable"] = labels["foldable"]
+    out.loc[open_, "by"] = "solver"
+    out.loc[open_, "reason"] = labels["reason"]
+    if "fold_angle" in labels:
+        out.loc[open_, "fold_angle"] = labels["fold_angle"].astype(float)
+    return out
+
+
+def _summary(result: pd.DataFrame, card: dict[str, Any], asked: int) -> dict[str, Any]:
+    known = result["foldable"].notna()
+    folds = int((result["foldable"] == True).sum())  # noqa: E712
+    borders = card["metadata"].get("borders")
+    return {
+        "designs": len(result),
+        "folds": folds,
+        "does_not": int(known.sum()) - folds,
+        "does_not_know": int((~known).sum()),
+        "asked_the_solver": asked,
+        "outside_of_training": int((~result["inside"]).sum()) if "inside" in result else None,
+        "model": card["metadata"].get("model", card["model"]),
+        "coverage": borders["coverage"] if borders else None,
+    }
