@@ -24,8 +24,16 @@ DEFAULT_LABELS = 6000
 def known_labels(table: pd.DataFrame, space: DesignSpace) -> tuple[pd.DataFrame, int]:
     """The groups (checked) and ``foldable`` of the designs whose label is known; and how many not.
 
-    Raises :class:`InputError` if the column ``foldable`` is missing or no label is known.
+    Raises :class:`InputError` if the column ``foldable`` is missing, no label is known, or labels
+    of several kinds of growth stand in one table: the groups don't tell them apart.
     """
+    kinds = table["growth"].value_counts() if "growth" in table else ()
+    if len(kinds) > 1:
+        told = " and ".join(f"{n} labels of {growth} growth" for growth, n in kinds.items())
+        raise InputError(
+            f"the table mixes {told}, and the groups of a design don't tell them apart; take one, "
+            "as in load_dataset(name, growth='uniaxial')"
+        )
     if "foldable" not in table:
         raise InputError(
             f"the table has no column foldable; it has {', '.join(map(str, table.columns))}; "

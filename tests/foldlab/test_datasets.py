@@ -8,7 +8,7 @@ from foldlab.datasets import FOLDER, card, datasets, load_dataset
 from foldlab.design import FULL
 from foldlab.errors import InputError
 from foldlab.labels.foldability import Thresholds
-from foldlab.learning.train import fit, train_on
+from foldlab.learning.train import fit, known_labels, train_on
 from foldlab.tables import write_table
 
 
@@ -77,6 +77,13 @@ def test_a_formula_learns_from_it_though_sagging_units_have_no_positive_angle(gr
     known = part[part["foldable"].notna()]
     right = model.predict(known[FULL.names]) == known["foldable"].astype(bool)
     assert right.mean() > known["foldable"].astype(bool).mean()
+
+
+def test_growths_are_not_mixed_in_training(gravity):
+    with pytest.raises(InputError, match="5000 labels of uniaxial growth and 195 labels of isotr"):
+        train_on(gravity, "tree", seed=0)
+    with pytest.raises(InputError, match="growth='uniaxial'"):
+        known_labels(gravity, FULL)
 
 
 def test_an_unknown_name_is_told_what_there_is():
