@@ -31,8 +31,14 @@ from foldlab.labels.solver import SolverSource
 from foldlab.learning.features import probability_of_folding
 from foldlab.learning.operating_point import threshold_of
 from foldlab.learning.plots import plot_learning_curves, plot_reliability
-from foldlab.learning.scoring import calibration_error, model_size, reliability, upper_bound
-from foldlab.learning.train import fit, known_labels, symbolic_options
+from foldlab.learning.scoring import (
+    angle_errors,
+    calibration_error,
+    model_size,
+    reliability,
+    upper_bound,
+)
+from foldlab.learning.train import fit, fit_angle, known_labels, symbolic_options
 from foldlab.maps.plots import plot_regimes
 from foldlab.maps.regimes import regime_map
 from foldlab.tables import read_table
@@ -77,7 +83,8 @@ def run(config: Config, tracker) -> dict[str, Any]:
     if config.limit:
         uniaxial = uniaxial.head(config.limit)
     known, unknown = known_labels(uniaxial, FULL)
-    known[["normalised_angle", "threshold"]] = uniaxial[["normalised_angle", "threshold"]]
+    more = ["normalised_angle", "threshold", "fold_angle"]
+    known[more] = uniaxial[more]
     known = known.reset_index(drop=True)
     if known["foldable"].nunique() < 2:
         raise InputError("all labels of the dataset say the same; there is nothing to learn")
@@ -115,6 +122,7 @@ def run(config: Config, tracker) -> dict[str, Any]:
             {"inputs": inputs, "labels": int(n), "accuracy": float(value)}
             for (inputs, n), value in median.items()
         ],
+        "angles": _angles(known, config),
         "isotropic": _isotropic(table, config),
         **_map(final, config, tracker),
         "table": rows,
@@ -197,6 +205,32 @@ def _curves(known: pd.DataFrame, config: Config) -> pd.DataFrame:
                     {"strategy": inputs, "seed": k, "labels": at, "accuracy": float(right.mean())}
                 )
     return pd.DataFrame(rows)
+
+
+def _angles(known: pd.DataFrame, config: Config) -> list[dict[str, Any]]:
+    """Errors of the fold angle, each predicted by trees that have not seen it."""
+    rows = []
+    for inputs in config.inputs:
+        told = np.full(len(known), np.nan)
+        for train, held in _folds(known, config):
+            model = fit_angle(FULL, known.iloc[train], seed=config.seed, inputs=inputs)
+            told[held] = model.predict(known.iloc[held][FULL.names])
+        errors = angle_errors(_Told(told), known[FULL.names], known["fold_angle"])
+        rows.append({"inputs": inputs, **errors})
+    need = Thresholds().angle(known["contraction"])
+    rod = _Told(rod_of(known)["rod"].to_numpy() * need)
+    rods = angle_errors(rod, known[FULL.names], known["fold_angle"])
+    return [*rows, {"inputs": "the rod itself", **rods}]
+
+
+@dataclass(frozen=True)
+class _Told:
+    """Predictions that were made before."""
+
+    angles: np.ndarray
+
+    def predict(self, X) -> np.ndarray:
+        return self.angles
 
 
 def _draw_reliability(probabilities: dict, known: pd.DataFrame, tracker) -> None:

@@ -145,12 +145,20 @@ def score(
 ) -> None:
     """Score a trained model on a table of labels; designs of unknown label are left out."""
     from foldlab.learning.conformal import Borders, measured
+    from foldlab.learning.models import AngleRegressor
     from foldlab.learning.saving import load_model
+    from foldlab.learning.scoring import angle_errors
     from foldlab.learning.scoring import score as scores
-    from foldlab.learning.train import known_labels
+    from foldlab.learning.train import known_angles, known_labels
 
     fitted, card = load_model(model)
-    table, unknown = known_labels(read_table(labels), space_named(card["space"]))
+    space = space_named(card["space"])
+    if isinstance(fitted, AngleRegressor):
+        table, unknown = known_angles(read_table(labels), space)
+        result = angle_errors(fitted, table[space.names], table["fold_angle"])
+        emit({"model": card["model"], **result, "without_angle": unknown}, as_json)
+        return
+    table, unknown = known_labels(read_table(labels), space)
     designs, truth = table.drop(columns="foldable"), table["foldable"]
     result = scores(fitted, designs, truth)
     if borders := card["metadata"].get("borders"):

@@ -1,4 +1,4 @@
-"""Classifiers of foldability as scikit-learn estimators, and how they are scored.
+"""Classifiers of foldability, and a regressor of the fold angle, as scikit-learn estimators.
 
 A design goes in as named groups; the logs of log-scaled groups are taken inside, so that every
 model sees the coordinates in which the designs were sampled. The positive class is "folds"
@@ -13,14 +13,22 @@ from dataclasses import fields, replace
 from numbers import Real
 
 import numpy as np
-from sklearn.base import BaseEstimator, ClassifierMixin
-from sklearn.ensemble import HistGradientBoostingClassifier, RandomForestClassifier
+import pandas as pd
+from sklearn.base import BaseEstimator, ClassifierMixin, RegressorMixin
+from sklearn.ensemble import (
+    HistGradientBoostingClassifier,
+    HistGradientBoostingRegressor,
+    RandomForestClassifier,
+)
 from sklearn.pipeline import Pipeline
 from sklearn.tree import DecisionTreeClassifier
 from sklearn.utils.validation import check_is_fitted
 
 from foldlab.design import DesignSpace
 from foldlab.errors import InputError
+from foldlab.labels import beam
+from foldlab.labels.foldability import Thresholds
+from foldlab.labels.rod import rod_of
 from foldlab.learning.features import as_labels, groups_array, two_classes
 from foldlab.learning.physics import Inputs, check_inputs, default_inputs, features
 
@@ -222,3 +230,91 @@ class DistilledTree(ClassifierMixin, BaseEstimator):
     def predict(self, X) -> np.ndarray:
         """Class of each design, shape (n,)."""
         return self.classes_[np.argmax(self.predict_proba(X), axis=1)]
+
+
+class AngleRegressor(RegressorMixin, BaseEstimator):
+    """Net turning m1 of designs (n, groups) in rad, signed, shape (n,), by boosted trees.
+
+    What they learn is what a first answer m₀ has wrong: asinh(m1/α) − asinh(m₀/α), with α = π|g|,
+    what "folds" asks for. That is the ratio where the sheet turns far, and the difference where it
+    hardly does. m₀ is the rod's with ``inputs`` "rod"; with "physics" that of beams
+    (:func:`foldlab.labels.beam.formulas`, ``net``), not below 0, for panels lie on the ground, nor
+    above a full turn, at which a path is closed; with "groups" none. ``inputs=None`` is as in
+    :func:`foldlab.learning.physics.features`. The loss is the absolute error: labels at which a
+    path jumps are outliers.
+    """
+
+    def __init__(
+        self,
+        space: DesignSpace,
+        *,
+        inputs: Inputs | None = None,
+        max_iter: int = 400,
+        max_leaf_nodes: int = 16,
+        random_state: int | None = 0,
+    ):
+        self.space = space
+        self.inputs = inputs
+        self.max_iter = max_iter
+        self.max_leaf_nodes = max_leaf_nodes
+        self.random_state = random_state
+
+    def fit(self, X, y, sample_weight=None) -> AngleRegressor:
+        """``y`` (n,): net turnings in rad; ``sample_weight`` (n,).
+
+        Raises :class:`InputError` where a turning is no number, and for a space without a hinge.
+        """
+        y = np.asarray(y, dtype=float)
+        if not np.isfinite(y).all():
+            raise InputError(
+                f"{int((~np.isfinite(y)).sum())} of {len(y)} fold angles are no numbers; leave out "
+                "the designs without"
+            )
+        if "contraction" not in self.space.names:
+            raise InputError(
+                f"designs of the {self.space.name} space have no contraction and so no fold angle; "
+                "label in the full space"
+            )
+        inputs = default_inputs(self.space, self.inputs)
+        self.features_ = features(self.space, inputs, pairs=True).fit(X)
+        first, need = self._first(X)
+        self.regressor_ = HistGradientBoostingRegressor(
+            loss="absolute_error",
+            max_iter=self.max_iter,
+            max_leaf_nodes=self.max_leaf_nodes,
+            early_stopping=False,
+            random_state=self.random_state,
+        )
+        try:
+            self.regressor_._validate_params()
+        except ValueError as error:
+            raise InputError(f"model 'angle': {error}") from None
+        target = np.arcsinh(y / need) - np.arcsinh(first)
+        self.regressor_.fit(self.features_.transform(X), target, sample_weight)
+        self.n_features_in_ = len(self.space)
+        self.feature_names_in_ = np.array(self.space.names, dtype=object)
+        return self
+
+    def predict(self, X) -> np.ndarray:
+        check_is_fitted(self, "regressor_")
+        first, need = self._first(X)
+        learnt = self.regressor_.predict(self.features_.transform(X))
+        return np.sinh(learnt + np.arcsinh(first)) * need
+
+    @property
+    def size_(self) -> tuple[int, str]:
+        """Nodes of all trees."""
+        return sum(len(p.nodes) for stage in self.regressor_._predictors for p in stage), "nodes"
+
+    def _first(self, X) -> tuple[np.ndarray, np.ndarray]:
+        """m₀/α and α."""
+        designs = pd.DataFrame(groups_array(X, self.space), columns=self.space.names)
+        thresholds = Thresholds()
+        need = thresholds.angle(designs["contraction"].to_numpy())
+        match default_inputs(self.space, self.inputs):
+            case "rod":
+                return rod_of(designs, self.space)["rod"].to_numpy(), need
+            case "physics":
+                net = beam.formulas(designs)["net"].to_numpy()
+                return np.clip(net, 0.0, thresholds.full_turn / need), need
+        return np.zeros(len(designs)), need

@@ -16,6 +16,7 @@ import math
 import os
 import shutil
 import tempfile
+import zipfile
 from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -37,6 +38,7 @@ CARD = "model.json"
 SHIPPED = Path(__file__).parents[1] / "data" / "models"
 TRUSTED = frozenset(
     {
+        "foldlab.learning.models.AngleRegressor",
         "foldlab.learning.models.DistilledTree",
         "foldlab.learning.features.GroupFeatures",
         "foldlab.learning.physics.PhysicsFeatures",
@@ -80,7 +82,7 @@ def save_model(
     if isinstance(model, FixedThresholdClassifier):
         inner = getattr(model, "estimator_", model.estimator)
         threshold = 0.5 if model.threshold == "auto" else float(model.threshold)
-    if not hasattr(inner, "classes_"):
+    if not (hasattr(inner, "classes_") or hasattr(inner, "regressor_")):
         raise InputError(f"{type(inner).__name__} is not fitted; call fit before saving it")
     name = next((name for name, kind in KINDS.items() if kind.matches(inner)), None)
     if name is None:
@@ -95,7 +97,7 @@ def save_model(
         "foldlab": foldlab.__version__,
         "space": space.name if space else None,
         "columns": [str(c) for c in getattr(inner, "feature_names_in_", [])],
-        "classes": _plain(inner.classes_),
+        "classes": _plain(getattr(inner, "classes_", None)),
         "threshold": threshold,
         "metadata": _plain(dict(metadata or {})),
     }
@@ -220,7 +222,7 @@ def _parameters(space):
 def _save_sklearn(model, directory: Path) -> dict:
     path = directory / "model.skops"
     try:
-        skops.io.dump(model, path)
+        skops.io.dump(model, path, compression=zipfile.ZIP_DEFLATED)
     except TypeError as error:
         raise InputError(
             f"skops cannot write this {type(model).__name__} ({error}); "

@@ -10,6 +10,7 @@ from scipy.stats import beta
 from sklearn.pipeline import Pipeline
 
 from foldlab.errors import InputError
+from foldlab.labels.foldability import Thresholds
 from foldlab.learning.features import as_labels
 from foldlab.tables import as_frame
 
@@ -114,6 +115,30 @@ def calibration_error(probability, y, *, bins: int = 10) -> float:
     table = reliability(probability, y, bins=bins)
     off = (table["fraction"] - table["probability"]).abs()
     return float((table["n"] * off).sum() / table["n"].sum())
+
+
+def angle_errors(model, X: pd.DataFrame, y) -> dict[str, float | int | None]:
+    """How far predicted angles are from known ones ``y`` (n,) in rad.
+
+    Keys: ``n``; ``error_median`` and ``error_90`` (90 % are below), relative to the angle or to
+    what counts as folded, whichever is larger, as labels state theirs; ``folding_median`` and
+    ``folding_90``, relative to the angle, of the designs that fold; ``accuracy`` of the verdict
+    that the angle alone gives.
+    """
+    y, told = np.asarray(y, dtype=float), np.asarray(model.predict(X), dtype=float)
+    thresholds, c = Thresholds(), X["contraction"].to_numpy(float)
+    off, need = np.abs(told - y), thresholds.angle(c)
+    folds = y > need
+    relative = off / thresholds.scale(y, c)
+    of_folds = off[folds] / y[folds] if folds.any() else None
+    return {
+        "n": len(y),
+        "error_median": float(np.median(relative)),
+        "error_90": float(np.quantile(relative, 0.9)),
+        "folding_median": None if of_folds is None else float(np.median(of_folds)),
+        "folding_90": None if of_folds is None else float(np.quantile(of_folds, 0.9)),
+        "accuracy": float(np.mean((told > need) == folds)),
+    }
 
 
 def seconds_per_million(model, X) -> float:

@@ -13,12 +13,13 @@ from foldlab.design import DesignSpace, space_of
 from foldlab.errors import InputError
 from foldlab.learning.conformal import borders_of, check_enough, measured
 from foldlab.learning.features import as_labels, probability_of_folding
-from foldlab.learning.models import make_classifier
+from foldlab.learning.models import AngleRegressor, make_classifier
 from foldlab.learning.operating_point import at_rate, check_calibration
 from foldlab.learning.physics import default_inputs
-from foldlab.learning.scoring import calibration_error, model_size, score
+from foldlab.learning.scoring import angle_errors, calibration_error, model_size, score
 
 DEFAULT_LABELS = 6000
+ANGLE = "angle"
 
 
 def known_labels(table: pd.DataFrame, space: DesignSpace) -> tuple[pd.DataFrame, int]:
@@ -59,6 +60,8 @@ def train_on(
 ) -> tuple[Any, dict[str, Any]]:
     """Train the model ``name`` on a table of labels; returns it with what was measured.
 
+    The model "angle" learns fold angles (:func:`fit_angle`), all others whether a design folds.
+
     The fraction ``holdout`` of the labels is kept out of the training to score the model. With
     ``rate`` half of it chooses the threshold for this false-positive rate and the other half scores
     the result, so that no design is used twice. With ``coverage`` that half also chooses between
@@ -69,6 +72,13 @@ def train_on(
     if not 0 < holdout < 1:
         raise InputError(f"holdout = {holdout:g}; expected a fraction between 0 and 1")
     space = space_of(table)
+    if name == ANGLE:
+        if rate is not None or coverage is not None:
+            raise InputError(
+                "the model angle says an angle and no probability: it takes neither a "
+                "false-positive rate nor a coverage; take another model for these"
+            )
+        return _train_on_angles(table, space, seed, holdout, options or {})
     known, unknown = known_labels(table, space)
     for column in ("normalised_angle", "threshold"):
         if column in table:
@@ -111,14 +121,85 @@ def train_on(
         "size": size,
         "size_unit": unit,
         "borders": asdict(borders) if borders else None,
-        "bounds": {
-            name: [float(end) for end in (training[name].min(), training[name].max())]
-            for name in space.names
-        },
+        "bounds": bounds_of(training, space),
         **{f"holdout_{k}": v for k, v in answers.items()},
         "holdout_calibration_error": calibration_error(probability_of_folding(model, X), y),
         **{f"holdout_{k}": v for k, v in score(model, X, y).items()},
     }
+
+
+def _train_on_angles(table, space, seed, holdout, options) -> tuple[Any, dict[str, Any]]:
+    known, missing = known_angles(table, space)
+    n = round(holdout * len(known))
+    if n < 2 or len(known) - n < 20:
+        raise InputError(
+            f"{len(known)} designs have a fold angle; a holdout of {holdout:g} and a training of "
+            "20 need more: label more designs"
+        )
+    training, held = train_test_split(known, test_size=n, random_state=seed)
+    start = time.perf_counter()
+    model = fit_angle(space, training, seed=seed, **options)
+    seconds = time.perf_counter() - start
+    size, unit = model_size(model)
+    errors = angle_errors(model, held[space.names], held["fold_angle"])
+    return model, {
+        "model": ANGLE,
+        "space": space.name,
+        "inputs": default_inputs(space, options.get("inputs")),
+        "seed": seed,
+        "labels": len(training),
+        "without_angle": missing,
+        "task": ANGLE,
+        "bounds": bounds_of(training, space),
+        "train_seconds": seconds,
+        "size": size,
+        "size_unit": unit,
+        **{f"holdout_{k}": v for k, v in errors.items()},
+    }
+
+
+def bounds_of(table: pd.DataFrame, space: DesignSpace) -> dict[str, list[float]]:
+    """Least and largest value of each group in a table."""
+    return {name: [float(table[name].min()), float(table[name].max())] for name in space.names}
+
+
+def known_angles(table: pd.DataFrame, space: DesignSpace) -> tuple[pd.DataFrame, int]:
+    """The groups (checked) and ``fold_angle`` (rad) of the designs of known label, and how many of
+    the others there are.
+
+    Raises :class:`InputError` if there are none at all.
+    """
+    if "fold_angle" not in table:
+        raise InputError(
+            f"the table has no column fold_angle; it has {', '.join(map(str, table.columns))}; "
+            "label with a source that states it, in the full space"
+        )
+    has = table["fold_angle"].notna()
+    if "foldable" in table:
+        known_labels(table, space)  # for what it refuses
+        # A path that did not end has an angle on its way.
+        has &= table["foldable"].notna()
+    known = table[has]
+    if len(known) == 0:
+        raise InputError("no design in the table has a fold angle; label more designs")
+    return space.validate(known).assign(fold_angle=known["fold_angle"].astype(float)), int(
+        (~has).sum()
+    )
+
+
+def fit_angle(space: DesignSpace, labels: pd.DataFrame, *, seed: int, **options) -> AngleRegressor:
+    """An :class:`foldlab.learning.models.AngleRegressor`, fitted to the column ``fold_angle``.
+
+    Raises :class:`InputError` for an unknown option.
+    """
+    model = AngleRegressor(space, random_state=seed)
+    known = sorted(set(model.get_params(deep=False)) - {"space", "random_state"})
+    for option in options:
+        if option not in known:
+            raise InputError(
+                f"model {ANGLE!r} has no setting {option!r}; it has: {', '.join(known)}"
+            )
+    return model.set_params(**options).fit(labels[space.names], labels["fold_angle"])
 
 
 def _split(table, fraction: float, seed: int, uses: str) -> tuple[pd.DataFrame, pd.DataFrame]:

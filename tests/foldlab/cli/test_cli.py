@@ -3,6 +3,7 @@
 import json
 import re
 import sqlite3
+from pathlib import Path
 
 import pandas as pd
 import pytest
@@ -10,6 +11,7 @@ from campaign_sources import Timed
 
 from foldlab import __version__
 from foldlab.campaign import campaign
+from foldlab.datasets import load_dataset
 from foldlab.labels import solver as sources
 from foldlab.labels.label import Label
 
@@ -323,3 +325,18 @@ def test_thick_layers_are_warned_about_not_refused(foldlab, tmp_path, monkeypatc
     quick = "--source solver --set timeout=0.001 -o s.db"
     status, _, err = foldlab(f"label d.parquet {quick}")
     assert status == 0 and "warning: 1 of 2 designs have an active layer thicker" in err
+
+
+def test_an_angle_and_a_dont_know_go_from_training_to_score(foldlab):
+    load_dataset("gravity-5k").query("growth == 'uniaxial'").to_parquet("u.parquet")
+    train = "train u.parquet --model {} -o {} --holdout 0.4 --json"
+    angle = last_json(foldlab(train.format("angle", "a") + " --set max_iter=20"))
+    assert angle["holdout_error_median"] < 0.1
+    scored = last_json(foldlab("score a u.parquet --json"))
+    assert scored["n"] == angle["labels"] + angle["holdout_n"] and scored["error_median"] < 0.1
+    careful = last_json(foldlab(train.format("tree", "t") + " --coverage 0.99"))
+    assert careful["borders"]["coverage"] == 0.99 and careful["holdout_decided"] > 0.9
+    scored = last_json(foldlab("score t u.parquet --json"))
+    assert scored["decided"] > 0.9 and scored["covered"] > 0.98
+    status, _, told = foldlab("train u.parquet --model angle -o b --coverage 0.9")
+    assert status == 2 and "no probability" in told and not Path("b").exists()
