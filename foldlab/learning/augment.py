@@ -21,6 +21,7 @@ from sklearn.exceptions import ConvergenceWarning
 from foldlab.design import DesignSpace
 from foldlab.errors import InputError
 from foldlab.labels.label import LabelSource, labels_to_frame
+from foldlab.learning.models import make_classifier
 from foldlab.learning.train import known_labels
 
 STRATEGIES = ("boundary", "random")
@@ -273,6 +274,4 @@ def compare_strategies(
 
 
 def _default_network(space: DesignSpace, seed: int, epochs: int):
-    from foldlab.learning.network import SmoothNetwork  # torch takes seconds to import
-
-    return SmoothNetwork(space, epochs=epochs, random_state=seed)
+    return make_classifier("network", space, seed=seed, epochs=epochs)

@@ -83,7 +83,9 @@ def _boosted(space, seed, inputs, false_positive_weight=1.0, **options):
         "random_state": seed,
     }
     if inputs != "groups":
-        # As accurate as with the default rate, with a third of its calibration error.
+        # As accurate as with the default rate, with a third of its calibration error. In five folds
+        # of gravity-5k none of these gained more than noise (0.1 %): LightGBM, monotone
+        # constraints, weights by the labels' stated errors, Platt's and isotonic calibration.
         defaults |= {"learning_rate": 0.03, "max_features": 0.5}
     weight = _class_weight(false_positive_weight)
     boosted = HistGradientBoostingClassifier(class_weight=weight, **(defaults | options))

@@ -31,6 +31,7 @@ from threadpoolctl import threadpool_limits
 from foldlab.design import DesignSpace
 from foldlab.errors import InputError
 from foldlab.learning.features import as_labels
+from foldlab.learning.models import make_classifier
 from foldlab.learning.scoring import score
 
 STUDY = "network"
@@ -153,8 +154,6 @@ def _work(journal: str, split, space: DesignSpace, search: Search, worker: int) 
 
 
 def _objective(trial: optuna.Trial, split, space, search: Search) -> tuple[float, float]:
-    from foldlab.learning.network import SmoothNetwork
-
     X, X_validation, y, y_validation = split
     suggest: dict[str, Callable] = {
         "epochs": partial(trial.suggest_int, log=True),
@@ -166,14 +165,15 @@ def _objective(trial: optuna.Trial, split, space, search: Search) -> tuple[float
     }
     p = {name: call(name, *getattr(search, name)) for name, call in suggest.items()}
     quarter = max(1, p["epochs"] // 4)
-    model = SmoothNetwork(
+    model = make_classifier(
+        "network",
         space,
         hidden=(p["width"],) * p["depth"],
         members=p["members"],
         penalty=p["penalty"],
         epochs=quarter,
         false_positive_weight=p["false_positive_weight"],
-        random_state=search.seed,
+        seed=search.seed,
     )
     start = time.process_time()
     model.fit(X, y)

@@ -5,7 +5,7 @@ import pandas as pd
 import pytest
 from sklearn.linear_model import LogisticRegression
 
-from foldlab.design import REDUCED
+from foldlab.design import FULL, REDUCED
 from foldlab.errors import InputError
 from foldlab.labels.label import Label
 from foldlab.labels.timoshenko import TimoshenkoSource
@@ -259,3 +259,8 @@ def test_a_source_that_is_no_formula_needs_test_labels():
     same = augment(REDUCED, Dear(), Recorder, plan=PLAN, seed=0, test=known).curve
     got = curves[curves["strategy"] == "boundary"]["accuracy"]
     assert got.tolist() == same["accuracy"].tolist()
+
+
+def test_a_network_that_nobody_chose_sees_the_physics_where_there_is_some():
+    assert augmenting._default_network(FULL, 0, 5).inputs == "physics"
+    assert augmenting._default_network(REDUCED, 0, 5).inputs == "groups"

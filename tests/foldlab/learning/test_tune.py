@@ -2,8 +2,11 @@
 
 import pytest
 
+from foldlab.datasets import load_dataset
+from foldlab.design import FULL
 from foldlab.errors import InputError
-from foldlab.learning.tune import open_study, trials_table
+from foldlab.learning.network import NetworkClassifier
+from foldlab.learning.tune import Search, open_study, trials_table, tune
 
 
 def with_trials(journal, count):
@@ -39,3 +42,20 @@ def test_another_file_is_refused_and_left_alone(text, tmp_path):
     with pytest.raises(InputError, match="is no journal of a study"):
         open_study(journal, 0)
     assert journal.read_text() == text
+
+
+def test_networks_of_the_full_space_are_tuned_on_the_physics_that_they_will_see(
+    tmp_path, monkeypatch
+):
+    tuned = []
+
+    def fit(network, X, y):
+        tuned.append(network.inputs)
+        return real(network, X, y)
+
+    real = NetworkClassifier.fit
+    monkeypatch.setattr(NetworkClassifier, "fit", fit)
+    labels = load_dataset("gravity-5k", growth="uniaxial").head(100)
+    search = Search(trials=1, epochs=(4, 4), width=(4, 4), depth=(1, 1), members=(1, 1))
+    tune(labels, FULL, tmp_path / "j.log", search)
+    assert tuned == ["physics"]
