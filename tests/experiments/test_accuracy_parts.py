@@ -6,7 +6,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from experiments._accuracy import labels
+from experiments._accuracy import labels, plots
 from experiments.accuracy_vs_time import Config, chosen, run
 from foldlab.errors import InputError
 from foldlab.labels.screening import COARSE_ERROR
@@ -60,6 +60,14 @@ def test_a_mixture_pays_for_what_it_refines():
     assert rows[0.0]["core_seconds_mean"] == pytest.approx((1 + 1 + 6 + 6) / 4)
     assert rows[COARSE_ERROR]["refined"] == 0.75 and rows[COARSE_ERROR]["wrong"] == 0
     assert rows[None]["refined"] == 1.0 and rows[None]["labels_per_hour"] == pytest.approx(600)
+
+
+def test_error_bars_reach_from_the_lower_to_the_upper_end():
+    row = {"disagreement": 0.1, "disagreement_low": 0.09, "disagreement_high": 0.3,
+           "labels_per_hour": 50.0, "source": "rod", "wrong": 1, "compared": 10}  # fmt: skip
+    (bar,) = plots.draw_ladder([row], []).axes[0].containers
+    (ends,) = bar.lines[2][0].get_segments()
+    assert ends == pytest.approx(np.array([[50.0, 0.09], [50.0, 0.3]]))
 
 
 def test_an_hour_follows_the_slope_of_the_measured_rows():

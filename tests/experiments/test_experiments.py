@@ -10,6 +10,8 @@ from dataclasses import replace
 from pathlib import Path
 
 import mlflow
+import numpy as np
+import pandas as pd
 import pytest
 import pyvista
 
@@ -101,3 +103,12 @@ def test_problem_p_states_relative_errors_and_writes_its_series_over_the_load(he
         reader.set_active_time_value(time)
         loads.append(float(reader.read()[0].field_data["load"][0]))
     assert loads[0] == 0.0 and loads[-1] == 1.0 and loads == sorted(loads)
+
+
+def test_problem_p_draws_its_curves_over_the_contraction_as_what_converged():
+    curves = pd.DataFrame({"growth": "uniaxial", "element": "hex27", "g": [0.0, -0.1, -0.3]})
+    curves["angle"] = [0.0, 1.2, 3.7]
+    (ax,) = problem_p.plot_angles(curves).axes
+    drawn = {line.get_label(): line.get_xydata() for line in ax.lines}
+    assert drawn["hex27"] == pytest.approx(np.array([[0.0, 0.0], [0.1, 1.2], [0.3, 3.7]]))
+    assert drawn["converged"][-1] == pytest.approx([0.3, problem_p.ANGLES["uniaxial"]], rel=1e-3)

@@ -4,11 +4,13 @@ import json
 import sys
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from experiments import wrong_inputs
 from experiments._wrong_inputs import cases, judge
 
+SAMPLE = "sample -n 9 -o o.csv"
 CLEAR = "error: no file none.csv; give an existing table"
 
 
@@ -72,3 +74,26 @@ def test_a_line_that_was_cut_off_is_tried_again(tmp_path):
     path.write_text(json.dumps({"case": 0}) + "\n" + json.dumps({"case": 1}))
     assert wrong_inputs._known(path) == {0: {"case": 0}}
     assert path.read_text().count("\n") == 1
+
+
+def test_each_seed_has_cases_of_its_own(tmp_path, monkeypatch):
+    monkeypatch.setattr(cases, "copy", lambda *given: None)
+    monkeypatch.setattr(cases, "_file", lambda rng, line, arguments, here: ("a file", arguments))
+
+    def made(seed, folder):
+        here = [tmp_path / folder / str(number) for number in range(20)]
+        for path in here:
+            path.mkdir(parents=True)
+        return [cases.make(seed, number, tmp_path, path) for number, path in enumerate(here)]
+
+    assert made(0, "once") == made(0, "again") != made(1, "other")
+
+
+@pytest.mark.parametrize(
+    ("name", "wrong"),
+    [("-n", "sample -n 0 -o o.csv"), ("-o", "sample -n 9 -o 0"), ("--seed", f"{SAMPLE} --seed 0")],
+)
+def test_a_wrong_value_stands_in_the_place_of_the_right_one(name, wrong, monkeypatch):
+    monkeypatch.setattr(cases, "OPTIONS", {"sample": {name: ("0",)}})
+    what, arguments = cases._option(np.random.default_rng(0), "sample", SAMPLE.split(), None)
+    assert (what, arguments) == (f"{name} '0'", wrong.split())

@@ -71,6 +71,14 @@ def test_an_answer_stays_and_an_unknown_is_replaced(path):
     assert (counts["labels"], counts["folds"], counts["not"], counts["unknown"]) == (1, 0, 1, 0)
 
 
+def test_a_store_counts_each_verdict_by_itself(path):
+    verdicts = [True, False, False, None, None, None]
+    with LabelStore(path) as store:
+        store.add_many(a_label(float(x), verdict) for x, verdict in enumerate(verdicts))
+        (counts,) = store.meta()["labels"]
+    assert (counts["labels"], counts["folds"], counts["not"], counts["unknown"]) == (6, 1, 2, 3)
+
+
 def test_evidence_that_is_not_finite_makes_an_unknown(path):
     nan = {"deep": {"angle": np.float64("nan")}, "gaps": np.array([1.0, np.inf]), "odd": {1, 2}}
     with LabelStore(path) as store:

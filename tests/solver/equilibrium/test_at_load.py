@@ -57,6 +57,17 @@ def test_what_comes_no_nearer_is_given_up_and_a_body_without_sections_is_solved_
     assert (none.outcome, none.iterations) == (Outcome.NO_PROGRESS, 1)
 
 
+def test_iterations_that_guess_stresses_are_among_those_allowed(monkeypatch):
+    scene, step, some = hinge(), at_load.Mixed.step, iter(range(2))
+
+    def short(*given):
+        return Outcome.NO_PROGRESS if next(some, None) is None else step(*given)
+
+    monkeypatch.setattr(at_load.Mixed, "step", short)
+    result = newton(scene, np.zeros(scene.size), 0.1, rtol=1e-8, unstable=0, max_iterations=7)
+    assert (result.outcome, result.iterations) == (Outcome.NOT_CONVERGED, 7)
+
+
 def test_a_slender_body_asks_for_a_shorter_load_step_instead(monkeypatch):
     monkeypatch.setattr(at_load.Mixed, "step", lambda *_: Outcome.NO_PROGRESS)
     scene = build(UNIT, Meshing(0), Physics(())).scene

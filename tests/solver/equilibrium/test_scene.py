@@ -378,6 +378,14 @@ def test_ties_are_checked(body):
         tie([0], [2], (1, 1, 0.5))
 
 
+def test_other_terms_are_judged_by_the_scales_that_were_given(body):
+    scales = Scales(2.0, 3.0, 5.0)
+    low = body.nodes_where(lambda X: X[:, 0] < 1e-9)
+    clamp = [Fixed(low, axis) for axis in np.eye(3)]
+    scene = Scene(body, [Springs(body)], fixed=clamp, scales=scales)
+    assert scene.with_terms([Springs(body)]).scales == scales
+
+
 def test_the_same_plane_twice_holds_once(body):
     nodes = body.nodes_where(lambda X: X[:, 0] < 1e-9)
     once = Scene(body, [Springs(body)], fixed=[Fixed(nodes, [1, 0, 0])])

@@ -9,6 +9,7 @@ from path_toys import column, function_scene, truss, truss_load
 
 from solver.equilibrium.descent import descend
 from solver.equilibrium.outcome import Outcome
+from solver.equilibrium.scene import Scene
 from solver.paths import stable
 from solver.paths.continuation import follow, load, trace
 from solver.paths.point import Ended
@@ -172,6 +173,21 @@ def test_the_energy_never_rises_on_the_way_down():
             break
     assert result.converged and most > 30  # the body flowed, beyond damped Newton steps
     assert np.all(np.diff(seen) <= 1e-12 * seen[0])
+
+
+@pytest.mark.parametrize("reach", [0.02, 0.1])
+def test_the_work_of_a_flow_is_counted(reach, monkeypatch):
+    factorised, spent = Scene.factorised, []
+
+    def counted(scene, values):
+        spent.append(1)
+        return factorised(scene, values)
+
+    monkeypatch.setattr(Scene, "factorised", counted)
+    start = np.array([0.2, -4.8])
+    result = descend(valley(), start, 0.0, rtol=1e-9, reach=reach, max_iterations=5000)
+    assert result.converged and len(spent) > 60  # far beyond damped Newton steps
+    assert result.iterations == pytest.approx(len(spent), rel=0.1)
 
 
 def test_a_saddle_is_left_and_a_flat_top_is_too():

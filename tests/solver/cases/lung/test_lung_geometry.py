@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from solver.cases.lung.geometry import MIRRORS, Lung, Tiling, fold, unit
-from solver.cases.lung.mesh import hexahedra
+from solver.cases.lung.geometry import MIRRORS, Holes, Lung, Tiling, fold, unit
+from solver.cases.lung.mesh import RATIO, Counts, hexahedra
 from solver.cases.lung.model import blended_fibres, fibre_directions, part_of
 
 LUNG = Lung()
@@ -119,6 +119,23 @@ def test_volumes_of_shell_and_cage(part):
     assert volume["epithelium"] == pytest.approx(shell, rel=1e-4 if part == "sphere" else 1e-5)
     cage = cage_area(lung) * ((1 + lung.muscle) ** 3 - 1) / 3
     assert volume["muscle"] == pytest.approx(cage, rel=5e-3)
+
+
+def test_elements_of_a_hole_are_shortest_at_its_rim():
+    X = hexahedra(LUNG, Counts(hole=4)).nodes
+    X = X[np.abs(np.linalg.norm(X, axis=1) - 1) < 1e-9]
+    holes = Holes.of(LUNG.tiling, LUNG.tiling.flags_in("wedge"), LUNG.bundle)
+    for centre, rim in zip(holes.centre, holes.at_middle, strict=True):
+        across = np.abs(X @ unit(np.cross(centre, rim))) < 1e-9
+        most = np.arccos(centre @ rim)
+        on = np.arccos(np.clip(X[across] @ rim, -1, 1))
+        there = np.arccos(np.clip(X[across] @ centre, -1, 1))
+        # On the arc from the rim halfway to the centre, where the graded block ends.
+        on = np.sort(on[(np.abs(on + there - most) < 1e-6) & (on < most / 2 + 1e-6)])
+        assert len(on) == 9  # ends and middles of four elements
+        steps = np.diff(on[::2])
+        assert (np.diff(steps) > 0).all()
+        assert steps[-1] / steps[0] == pytest.approx(RATIO)
 
 
 def test_bundles_and_shell_share_their_contact():

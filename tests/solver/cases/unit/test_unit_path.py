@@ -208,3 +208,5 @@ def test_a_release_is_written_after_the_contraction_that_it_follows(tmp_path):
     shapes = [Shape(first.model, first.x, first.last), Shape(later, first.x, half)]
     assert [shape.load for shape in shapes] == [1.0, 1.5]
     assert write_path(tmp_path / "unit.pvd", shapes) == [1.0, 1.5]
+    # A path that is written anew leaves none of the states that were there.
+    assert write_path(tmp_path / "unit.pvd", shapes[:1]) == [1.0]

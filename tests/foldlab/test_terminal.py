@@ -1,0 +1,16 @@
+"""What a verb prints for the eye: a table, and the single values below it."""
+
+import json
+
+from foldlab.terminal import emit
+
+
+def test_below_a_table_stand_single_values_only(capsys):
+    rows = [{"model": "tree", "accuracy": 0.912345}]
+    result = {"n": 3, "models": rows, "axes": ["h_ratio"], "of": {"a": 1}, "gone": None}
+    emit(result, False, rows)
+    *table, first, last = capsys.readouterr().out.splitlines()
+    assert (first, last) == ("n: 3", "gone: –")
+    assert "0.9123" in "".join(table) and "h_ratio" not in "".join(table)
+    emit(result, True, rows)
+    assert json.loads(capsys.readouterr().out) == result
