@@ -3,9 +3,10 @@
 The gravity dataset in five folds: each label is predicted by a model that has not seen it. Each
 model sees the groups alone, beside them what beam theory says ("physics"), or a rod's answer too
 ("rod"). One half of these predictions chooses the threshold for a stated false-positive rate, the
-other is what it is stated on. The learning curve says how many labels physics is worth. The regime
-map under gravity shows the best model that needs no rod over two groups on slices of a third, with
-designs on it that the solver was asked about afterwards.
+other is what it is stated on; so are the answers and the don't knows of a stated coverage. The
+learning curve says how many labels physics is worth. The regime map under gravity shows the best
+model that needs no rod over two groups on slices of a third, with designs on it that the solver was
+asked about afterwards.
 """
 
 from __future__ import annotations
@@ -28,6 +29,7 @@ from foldlab.labels.asked import Effort
 from foldlab.labels.foldability import Thresholds
 from foldlab.labels.rod import rod_of
 from foldlab.labels.solver import SolverSource
+from foldlab.learning.conformal import borders_of
 from foldlab.learning.features import probability_of_folding
 from foldlab.learning.operating_point import threshold_of
 from foldlab.learning.plots import plot_learning_curves, plot_reliability
@@ -60,6 +62,7 @@ class Config:
     symbolic_seconds: float = 12.0
     symbolic_nodes: int = 30
     rate: float = 0.01
+    coverage: float = 0.995
     learner: str = "boosted"
     """Whose learning curve is drawn."""
     curve: tuple[int, ...] = (100, 250, 500, 1000, 2000, 3700)
@@ -71,7 +74,7 @@ class Config:
 
 TINY = Config(
     models=("tree", "symbolic"), folds=2, symbolic_seconds=2.0, learner="tree", curve=(60, 120),
-    points=600, verified=2, limit=400, rate=0.1,
+    points=600, verified=2, limit=400, rate=0.1, coverage=0.9,
 )  # fmt: skip
 
 
@@ -92,7 +95,8 @@ def run(config: Config, tracker) -> dict[str, Any]:
     for name in config.models:
         for inputs in config.inputs:
             row, probability, model = _validated(known, name, inputs, config)
-            rows.append(row | _careful(probability, known["foldable"].to_numpy(bool), config))
+            y = known["foldable"].to_numpy(bool)
+            rows.append(row | _careful(probability, y, config) | _sure(probability, y, config))
             probabilities[name, inputs] = probability
             tracker.model(f"{name}-{inputs}", model, known[FULL.names].head())
     curves = _curves(known, config)
@@ -185,6 +189,20 @@ def _careful(probability: np.ndarray, y: np.ndarray, config: Config) -> dict[str
         "false_positive_rate": float(folds[~y].mean()),
         "false_positive_bound": upper_bound(int(folds[~y].sum()), int((~y).sum())),
     }
+
+
+def _sure(probability: np.ndarray, y: np.ndarray, config: Config) -> dict[str, Any]:
+    """Of the same half: the fractions with an answer, and of those told nothing wrong."""
+    chooses = np.random.default_rng(config.seed).random(len(y)) < 0.5
+    try:
+        borders = borders_of(probability[chooses], y[chooses], coverage=config.coverage)
+    except InputError as error:
+        print(error, file=sys.stderr)
+        return {"decided": None, "covered": None}
+    answers, y = borders.answers(probability[~chooses]), y[~chooses]
+    told = ~answers.isna()
+    wrong = told & (answers.to_numpy(dtype=bool, na_value=False) != y)
+    return {"decided": float(told.mean()), "covered": float(1 - wrong.mean())}
 
 
 def _curves(known: pd.DataFrame, config: Config) -> pd.DataFrame:
