@@ -18,7 +18,8 @@ import pandas as pd
 from experiments.common import main, save_figure
 from foldlab.design import REDUCED
 from foldlab.errors import InputError
-from foldlab.inverse import propose as inverse
+from foldlab.inverse.confirm import confirm
+from foldlab.inverse.propose import propose
 from foldlab.inverse.wish import Wish
 from foldlab.labels.timoshenko import FULL_TURN, TimoshenkoSource
 from foldlab.learning.compare import DISSERTATION, compare
@@ -100,9 +101,7 @@ def run(config: Config, tracker) -> dict[str, Any]:
                 "labels": config.n_train + point.labels,
             }
         )
-        answer = inverse.confirm(
-            inverse.propose(Wish(), network, config.proposals, seed=seed), source, seed=seed
-        )
+        answer = confirm(propose(Wish(), network, config.proposals, seed=seed), source, seed=seed)
         whole = sum(p.box_confirmed is True for p in answer.proposals) / len(answer.proposals)
         fractions.append(
             {

@@ -19,7 +19,7 @@ from foldlab.quantities import numbers
 from foldlab.terminal import Given, Json, NotReached, Seed, Space, emit, err, note
 
 if TYPE_CHECKING:
-    from foldlab.inverse.propose import Answer
+    from foldlab.inverse.answer import Answer
     from foldlab.inverse.wish import Wish
     from foldlab.unit.sized import Sized
 
@@ -110,6 +110,8 @@ def design(
 ) -> None:
     """Propose designs for a wish; --set fixes a group or an SI quantity."""
     from foldlab.inverse import propose as inverse
+    from foldlab.inverse.answer import rows
+    from foldlab.inverse.confirm import confirm
     from foldlab.inverse.wish import Wish
     from foldlab.labels.solver import make_source
 
@@ -134,13 +136,13 @@ def design(
             angle_model=maker if by_angle else None,
         )
         if judges.confirm:
-            answer = inverse.confirm(answer, maker, seed=seed)
+            answer = confirm(answer, maker, seed=seed)
         # What Timoshenko's formula says of a unit holds where it weighs nothing.
         heavy = getattr(getattr(maker, "conditions", None), "heavy", False)
         result = {**answer.as_dict(), "weightless": not heavy}
         if draft is not None:
             result["made"] = {"folder": str(files), "units": _make(draft, answer)}
-    emit(result, as_json, inverse.rows(answer))
+    emit(result, as_json, rows(answer))
     if not answer.complete:
         raise NotReached(answer.reason)
 

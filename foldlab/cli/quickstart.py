@@ -11,7 +11,8 @@ from typing import Any
 from foldlab.campaign.campaign import run_campaign
 from foldlab.design import REDUCED
 from foldlab.errors import InputError
-from foldlab.inverse.propose import confirm, propose
+from foldlab.inverse.confirm import confirm
+from foldlab.inverse.propose import propose
 from foldlab.inverse.wish import Wish
 from foldlab.labels.store import LabelStore
 from foldlab.labels.timoshenko import TimoshenkoSource

@@ -9,7 +9,8 @@ import pytest
 
 from foldlab.design import FULL, PATTERNED, REDUCED, to_groups
 from foldlab.errors import InputError
-from foldlab.inverse.propose import confirm, propose
+from foldlab.inverse.confirm import confirm
+from foldlab.inverse.propose import propose
 from foldlab.inverse.region import Region
 from foldlab.inverse.wish import Angle, Wish, limits_of, mass_of
 from foldlab.labels.label import Label

@@ -8,7 +8,9 @@ import pytest
 
 from foldlab.design import FULL, PHYSICAL, REDUCED, to_groups, to_physical
 from foldlab.errors import InputError
-from foldlab.inverse.propose import Answer, Proposal, _as_wished, confirm, propose, rows
+from foldlab.inverse.answer import Answer, Proposal, rows
+from foldlab.inverse.confirm import as_wished, confirm
+from foldlab.inverse.propose import propose
 from foldlab.inverse.region import Region, _quantity
 from foldlab.inverse.robust import Score, pattern_points
 from foldlab.inverse.wish import (
@@ -300,14 +302,14 @@ def test_what_was_confirmed_is_a_fraction_of_all_proposals():
 def test_a_wanted_angle_is_met_within_its_tolerance(evidence, wished):
     wish = Wish(want=Angle(1.0, 0.25))
     groups = {"hinge_length": 0.25, "contraction": 0.2}
-    assert _as_wished(wish, Label({}, True, "", evidence), groups) is wished
+    assert as_wished(wish, Label({}, True, "", evidence), groups) is wished
 
 
 @pytest.mark.parametrize("want", ["foldable", "flat"])
 @pytest.mark.parametrize("foldable", [True, False, None])
 def test_a_wanted_label_is_the_source_s(want, foldable):
     wished = None if foldable is None else foldable == (want == "foldable")
-    assert _as_wished(Wish(want=want), Label({}, foldable, ""), {}) is wished
+    assert as_wished(Wish(want=want), Label({}, foldable, ""), {}) is wished
 
 
 @pytest.mark.parametrize(
