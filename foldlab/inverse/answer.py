@@ -20,7 +20,9 @@ class Proposal:
     (low, high) by group; predicted to hold, with half the wished margin to spare on every side.
     After :func:`confirm`: the source's ``label`` of the design, and how many of ``box_checked``
     points of the box the source labels as wished (``box_held``) or could not tell
-    (``box_unknown``).
+    (``box_unknown``). Under weight ``box`` is in SI quantities where the scale is known, its points
+    are the corners that are worst by the rod, and ``core_seconds`` went into ``answers`` of the
+    solver.
     """
 
     groups: Mapping[str, float]
@@ -36,6 +38,8 @@ class Proposal:
     box_checked: int = 0
     box_held: int = 0
     box_unknown: int = 0
+    core_seconds: float = 0.0
+    answers: int = 0
 
     @property
     def box_confirmed(self) -> bool | None:
@@ -58,7 +62,12 @@ class Proposal:
 
 @dataclass(frozen=True)
 class Answer:
-    """Proposals for a wish, most robust first; fewer than ``asked`` where ``reason`` says why."""
+    """Proposals for a wish, most robust first; fewer than ``asked`` where ``reason`` says why.
+
+    ``rejected``: designs that did as wished by the rod and not by the source. ``largest``: where
+    nothing folds at the wished size, the largest unit that does. ``core_seconds``: of the search
+    and of the source.
+    """
 
     wish: Wish
     asked: int
@@ -66,6 +75,10 @@ class Answer:
     reason: str
     seconds: float
     source: str = ""
+    weightless: bool = True
+    core_seconds: float | None = None
+    rejected: int = 0
+    largest: Mapping | None = None
 
     @property
     def complete(self) -> bool:
@@ -86,6 +99,10 @@ class Answer:
             "reason": self.reason,
             "seconds": self.seconds,
             "source": self.source,
+            "weightless": self.weightless,
+            "core_seconds": self.core_seconds,
+            "rejected": self.rejected,
+            "largest": self.largest,
             "confirmed_fraction": self.confirmed_fraction,
             "proposals": [p.as_dict() for p in self.proposals],
         }

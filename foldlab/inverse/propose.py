@@ -73,16 +73,16 @@ def _since(start: float) -> float:
     return time.perf_counter() - start
 
 
-def _climb(score, region, x, rng, *, need: int):
+def climb(score, region, x, rng, *, need: int, rounds: int = _CLIMBS, steps: int = 6):
     """Walkers driven towards higher scores until ``need`` are ≥ 0 (levels of the best tenth)."""
     worth = score(x)
-    for _ in range(_CLIMBS):
+    for _ in range(rounds):
         if (worth >= 0).sum() >= need:
             break
         level = min(np.quantile(worth, 0.9), 0.0)
         seeds = x[worth >= level]
         x = seeds[rng.integers(len(seeds), size=len(x))]
-        x = region.walk(x, 6, rng, accept=lambda y, level=level: score(y) >= level)
+        x = region.walk(x, steps, rng, accept=lambda y, level=level: score(y) >= level)
         worth = score(x)
     return x, worth
 
@@ -98,7 +98,7 @@ def _search(score: Score, region: Region, n: int, seed: int, walkers: int):
         unit = score.unit(groups_of(region, x))
         return score.everywhere(unit - score.wish.margin, unit + score.wish.margin)
 
-    x, worth = _climb(nominal, region, region.sample(walkers, rng), rng, need=max(4 * n, 64))
+    x, worth = climb(nominal, region, region.sample(walkers, rng), rng, need=max(4 * n, 64))
     best = float(worth.max())
     good = x[worth >= 0]
     if len(good) == 0 or score.wish.margin == 0:
@@ -107,7 +107,7 @@ def _search(score: Score, region: Region, n: int, seed: int, walkers: int):
     if kept.sum() >= 2 * n:
         return good, kept, best
     few = good[rng.integers(len(good), size=max(walkers // 8, 4 * n))]
-    more, worth = _climb(worst, region, few, rng, need=2 * n)
+    more, worth = climb(worst, region, few, rng, need=2 * n)
     return np.vstack([good, more]), np.concatenate([kept, worth >= 0]), best
 
 

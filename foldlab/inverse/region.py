@@ -236,6 +236,27 @@ class Region:
         inside = self.excess(x) <= 0
         return x[inside] if inside.any() else x
 
+    def line(self, x: np.ndarray, name: str) -> tuple[np.ndarray, float, float] | None:
+        """Direction (names,) that changes the variable ``name`` by one decade and as little else as
+        the equalities allow, and how far ``x`` may go along it (low ≤ 0 ≤ high); None where the
+        variable is fixed or no part of the region."""
+        if name not in self.names:
+            return None
+        k = self.names.index(name)
+        direction = self._basis @ self._basis[k]
+        if direction[k] < 1e-9:
+            return None
+        direction = direction / direction[k]
+        slack, rate = np.maximum(self._b - self._A @ x, 0), self._A @ direction
+        high = np.min(slack[rate > 1e-12] / rate[rate > 1e-12], initial=np.inf)
+        low = -np.min(slack[rate < -1e-12] / -rate[rate < -1e-12], initial=np.inf)
+        ends = [low, high]
+        for i, end in enumerate(ends):
+            t = end * np.linspace(0, 1, 65)
+            over = self.excess(x + t[:, None] * direction) > 1e-9
+            ends[i] = float(t[max(int(np.argmax(over)) - 1, 0)]) if over.any() else float(end)
+        return direction, *ends
+
     def relaxed(self):
         """``(text, quantity, region, distance)`` for each limit left out in turn.
 

@@ -1,0 +1,82 @@
+"""Rungs below the solver: what beam formulas, a model or the rod say of designs under weight.
+
+Each gives the ``worth`` of designs for a wish, ≥ 0 where they do as wished. The formulas take a
+microsecond, the rod half a millisecond; the solver decides (``finish``).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from foldlab.design import FULL
+from foldlab.errors import InputError
+from foldlab.inverse.wish import Angle, Wish
+from foldlab.labels import beam
+from foldlab.labels.rod import RodSource
+from foldlab.learning.features import probability_of_folding
+
+# The full space, and sheets so stiff that they hardly feel their weight: rod and solver know them.
+SPACE = FULL.with_bounds(stiffness_to_weight=(1e-2, 1e6))
+# rad: panels meet at π. Designs that reach it are wished for only where nothing else folds.
+MEET = 0.97 * np.pi
+# rad by which the formulas may miss an angle that a rod is then driven to.
+NEAR = 0.3
+LOST = -10.0
+
+
+@dataclass(frozen=True)
+class Rungs:
+    """``model``: a classifier of the full space, or None; ``meet``: whether panels may meet."""
+
+    wish: Wish
+    model: Any = None
+    meet: bool = False
+
+    def room(self, angle, contraction) -> np.ndarray:
+        """rad to spare of fold angles; ≥ 0 is as wished; NaN is lost."""
+        want, need = self.wish.want, np.pi * np.asarray(contraction)
+        angle = np.asarray(angle, dtype=float)
+        if isinstance(want, Angle):
+            room = want.tolerance - np.abs(angle - want.value)
+        elif want == "flat":
+            room = need - angle
+        else:
+            room = angle - need if self.meet else np.minimum(angle - need, MEET - angle)
+        return np.where(np.isfinite(room), room, LOST)
+
+    def first(self, designs: pd.DataFrame) -> np.ndarray:
+        """Worth by the beam formulas, and by the model where there is one for a label, shape (n,);
+        an angle may be missed by :data:`NEAR`."""
+        want, contraction = self.wish.want, designs["contraction"].to_numpy()
+        angle = beam.formulas(designs[FULL.names])["net"].to_numpy() * np.pi * contraction
+        if isinstance(want, Angle):
+            return NEAR - np.abs(angle - want.value)
+        if self.model is None:
+            return self.room(angle, contraction)
+        known = FULL.from_unit(np.clip(FULL.to_unit(designs), 0, 1))
+        p = probability_of_folding(self.model, known)
+        room = (p if want == "foldable" else 1 - p) - self.wish.min_probability
+        return room if self.meet or want == "flat" else np.minimum(room, MEET - angle)
+
+    def rod(self, designs: pd.DataFrame) -> pd.DataFrame:
+        """The rod's ``angle`` and its ``error``, rad; NaN where it finds no stable state."""
+        source, rows = RodSource(sure=False), []
+        for design in designs[FULL.names].to_dict("records"):
+            try:
+                label = source.label(design)
+            except InputError:  # no rod is known for such layers
+                rows.append((np.nan, np.nan))
+                continue
+            angle = label.evidence.get("m1", np.nan)
+            need = np.pi * design["contraction"]
+            error = label.evidence.get("error_estimate", np.nan) * max(abs(angle), need)
+            rows.append((angle, error) if label.foldable is not None else (np.nan, np.nan))
+        return pd.DataFrame(rows, columns=["angle", "error"], dtype=float)
+
+    def second(self, designs: pd.DataFrame, slack: float = 0.0) -> np.ndarray:
+        """Worth by the rod, shape (n,), rad; ``slack`` widens an angle's tolerance."""
+        return self.room(self.rod(designs)["angle"], designs["contraction"].to_numpy()) + slack
