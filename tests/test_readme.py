@@ -18,7 +18,8 @@ README = (Path(__file__).parent.parent / "README.md").read_text(encoding="utf-8"
 SMALLER = {
     "-n 2000": "-n 300",
     "foldlab train l.parquet": "foldlab train l.parquet --set epochs=300",
-    "foldlab design": "foldlab design --model m",
+    "foldlab design --set": "foldlab design --model m --set",
+    "--want angle=90deg -n 3": "--want angle=90deg -n 1 --no-confirm",
     "foldlab augment -o a": "foldlab augment -o a --set cycles=1 --set epochs=50 --set initial=60",
     "foldlab tune l.parquet": "foldlab tune l.parquet --trials 2 --set epochs=[20,40]",
     "foldlab check": "foldlab check --no-pictures --accuracy 0.2",

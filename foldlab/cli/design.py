@@ -2,43 +2,62 @@
 
 from __future__ import annotations
 
-import tempfile
-from contextlib import nullcontext
-from dataclasses import asdict, dataclass, replace
+from contextlib import ExitStack, nullcontext
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from foldlab.cli.check import afterwards, beforehand, readable
-from foldlab.cli.files import Files, make
+from foldlab.cli.files import Files
 from foldlab.cli.outputs import new_folder
+from foldlab.cli.proposed import SHOWN_AS, made_of, make_each, need_sizes, told
 from foldlab.design import space_named
 from foldlab.errors import InputError
-from foldlab.quantities import numbers
-from foldlab.terminal import Given, Json, NotReached, Seed, Space, emit, err, note
+from foldlab.quantities import in_si, numbers
+from foldlab.terminal import Given, Json, NotReached, Seed, Workers, emit, err, note
 
 if TYPE_CHECKING:
     from foldlab.inverse.answer import Answer
     from foldlab.inverse.wish import Wish
-    from foldlab.unit.sized import Sized
+
+
+def _in(name: str, unit: str):
+    """A parser of an option's text as a quantity, with a unit or in SI."""
+
+    def parsed(text: str) -> float:
+        return in_si(f"--{name}", text, unit)
+
+    return parsed
+
+
+def _option(name: str, unit: str, help: str):
+    return typer.Option(parser=_in(name, unit), metavar="QUANTITY", help=help)
 
 
 @dataclass(frozen=True)
 class Aim:
     """What the designs shall do."""
 
-    want: Annotated[str, typer.Option(help="foldable, flat, or angle.")] = "foldable"
-    angle: Annotated[float | None, typer.Option(help="Wanted fold angle in rad.")] = None
-    tolerance: Annotated[float, typer.Option(help="Tolerance of the angle in rad.")] = 0.05
+    want: Annotated[str, typer.Option(help="foldable, flat, or angle=90deg.")] = "foldable"
+    angle: Annotated[
+        float | None, _option("angle", "rad", "Wanted fold angle, such as 90deg or 1.57.")
+    ] = None
+    tolerance: Annotated[
+        float, _option("tolerance", "rad", "Tolerance of the angle, such as 3deg.")
+    ] = 0.05
 
     def read(self) -> Any:
         """As a :class:`foldlab.inverse.wish.Wish` takes it."""
         from foldlab.inverse.wish import Angle
 
-        if (self.want == "angle") != (self.angle is not None):
-            raise InputError("--want angle and --angle RAD go together")
-        return self.want if self.angle is None else Angle(self.angle, self.tolerance)
+        want, equals, text = self.want.partition("=")
+        angle = in_si("--want angle", text.strip(), "rad") if equals else self.angle
+        if equals and (want.strip() != "angle" or self.angle is not None):
+            raise InputError(f"--want {self.want}: expected foldable, flat or angle=90deg, once")
+        if (want.strip() == "angle") != (angle is not None):
+            raise InputError("--want angle and --angle go together, as in --want angle=90deg")
+        return want if angle is None else Angle(angle, self.tolerance)
 
 
 @dataclass(frozen=True)
@@ -47,15 +66,17 @@ class Limits:
 
     ranges: Annotated[
         list[str] | None,
-        typer.Option("--range", metavar="NAME=LOW:HIGH", help="Group or SI quantity in a range."),
+        typer.Option(
+            "--range", metavar="NAME=LOW:HIGH", help="Group or quantity, as in h_s=50um:0.2mm."
+        ),
     ] = None
     passive: Annotated[list[str] | None, typer.Option(help="Passive material(s).")] = None
     active: Annotated[list[str] | None, typer.Option(help="Active material(s).")] = None
     materials: Annotated[Path | None, typer.Option(help="CSV of materials.")] = None
-    max_mass: Annotated[float | None, typer.Option(help="kg")] = None
-    max_length: Annotated[float | None, typer.Option(help="m")] = None
-    max_width: Annotated[float | None, typer.Option(help="m")] = None
-    max_thickness: Annotated[float | None, typer.Option(help="m")] = None
+    max_mass: Annotated[float | None, _option("max-mass", "kg", "Such as 5g.")] = None
+    max_length: Annotated[float | None, _option("max-length", "m", "Such as 40mm.")] = None
+    max_width: Annotated[float | None, _option("max-width", "m", "Such as 10mm.")] = None
+    max_thickness: Annotated[float | None, _option("max-thickness", "m", "Such as 0.5mm.")] = None
     margin: Annotated[
         float | None, typer.Option(help="Half-width of the box, fraction of the bounds.")
     ] = None
@@ -74,19 +95,44 @@ class Judges:
     """Who predicts, and who confirms."""
 
     model: Annotated[
-        Path | None, typer.Option(help="Trained model; without one a network is trained.")
+        Path | None,
+        typer.Option(
+            help="Trained model; without one a network is trained where nothing weighs, and "
+            "formulas and a rod propose under weight."
+        ),
     ] = None
-    source: Annotated[str, typer.Option("--source", help="Label source.")] = "timoshenko"
-    confirm: Annotated[bool, typer.Option("--confirm", help="Ask the source to confirm.")] = False
+    source: Annotated[
+        str | None,
+        typer.Option(
+            "--source", help="Label source; by default solver under weight, else timoshenko."
+        ),
+    ] = None
+    confirm: Annotated[
+        bool | None,
+        typer.Option(
+            "--confirm/--no-confirm", help="Ask the source to confirm; done under weight."
+        ),
+    ] = None
+    weightless: Annotated[
+        bool, typer.Option("--weightless", help="As if nothing weighed, whatever its scale.")
+    ] = False
+    timeout: Annotated[float, typer.Option(help="Core-seconds for each answer of the solver.")] = (
+        60.0
+    )
 
     def classifier(self, maker, space: str, seed: int):
         """The model, trained on labels of the source ``maker`` where none is given."""
-        from foldlab.learning.saving import load_model
         from foldlab.learning.train import default_classifier
 
         if self.model is None:
             err.print("no --model given: training a network on 6000 labels …")
             return default_classifier(maker, seed=seed)
+        return self.trained(space)
+
+    def trained(self, space: str):
+        """The model that was given; raises :class:`InputError` where it is of another space."""
+        from foldlab.learning.saving import load_model
+
         classifier, card = load_model(self.model)
         if card["space"] != space:
             raise InputError(
@@ -100,35 +146,131 @@ def design(
     *,
     n: Annotated[int, typer.Option("-n", min=1, help="Number of proposals.")] = 5,
     aim: Aim,
-    space: Space = "reduced",
+    space: Annotated[
+        str | None,
+        typer.Option(
+            "--space",
+            help="reduced or full; full where the scale is known, else reduced.",
+        ),
+    ] = None,
     given: Given,
     limits: Limits,
     judges: Judges,
+    workers: Workers = 1,
     files: Files = None,
     seed: Seed = 0,
     as_json: Json = False,
 ) -> None:
-    """Propose designs for a wish; --set fixes a group or an SI quantity."""
+    """Propose designs for a wish; --set fixes a group or a quantity, in SI units or with a unit.
+
+    Where the scale is known (materials and a length, or stiffness_to_weight) designs feel their
+    weight, and the solver confirms each with its tolerances.
+    """
+    from foldlab.inverse.wish import Wish, scales_of
+    from foldlab.labels.solver import make_source
+
+    want, fixed = aim.read(), numbers(given.read())
+    wish = Wish(want=want, fixed=fixed, **limits.read())
+    if judges.weightless:
+        why = ""
+    elif "stiffness_to_weight" in {*wish.fixed, *wish.ranges}:
+        why = "the wish limits stiffness_to_weight"
+    elif all(scales_of(wish).values()):
+        why = "the wish says materials and a size"
+    else:
+        why = "the full space has weight" if space == "full" and judges.source is None else ""
+    asked = space == "full" and judges.source in ("solver", "rod") and not judges.weightless
+    if not (why or asked):
+        _light(n, wish, space or "reduced", judges, files, seed, as_json)
+        return
+    named = judges.source or "solver"
+    _refuse(named, space, judges, want, why)
+    chosen = space_named(space or "full")
+    wish = Wish(chosen, want=want, fixed=fixed, **limits.read())
+    settings = {"timeout": judges.timeout} if named == "solver" else {}
+    source = make_source(named, settings, space=chosen)
+    model = None if judges.model is None else judges.trained("full")
+    _heavy(n, wish, source, model, judges.confirm is not False, workers, files, seed, as_json)
+
+
+def _refuse(source: str, space: str | None, judges: Judges, want: Any, why: str) -> None:
+    """Raises :class:`InputError` for who can't feel the weight that the wish speaks of."""
+    cure = "leave it out, or say --weightless"
+    if source == "timoshenko":
+        raise InputError(f"--source timoshenko knows no weight, and {why}; {cure}")
+    if space == "reduced":
+        raise InputError(f"--space reduced knows no weight, and {why}; {cure}")
+    if judges.model is None:
+        return
+    if not isinstance(want, str):
+        raise InputError(f"--model {judges.model} says no angle; leave it out: a rod proposes")
+    from foldlab.learning.saving import read_card
+
+    made = read_card(judges.model)["space"]
+    if made != "full":
+        raise InputError(
+            f"--model {judges.model} was trained on the {made} space and can't feel weight, and "
+            f"{why}; {cure}"
+        )
+
+
+def _heavy(n, wish: Wish, source, model, confirm: bool, workers, files, seed, as_json) -> None:
+    """Designs under their weight."""
+    from foldlab.campaign.worker import pool
+    from foldlab.inverse.weighted import weighted
+
+    if files is not None:
+        need_sizes(wish)
+    with ExitStack() as stack:
+        draft = None if files is None else stack.enter_context(new_folder(files))
+        executor = stack.enter_context(pool(workers)) if workers > 1 and confirm else None
+        answer = weighted(
+            wish, n, seed=seed, source=source, model=model, confirmed=confirm,
+            executor=executor, tell=note,
+        )  # fmt: skip
+        result = made_of(answer, source)
+        if draft is not None:
+            result["made"] = {"folder": str(files), "units": make_each(draft, answer)}
+    if as_json:
+        emit(result, True)
+    else:
+        rows, words = told(answer, result)
+        emit(words, False, rows)
+        if rows:
+            note(SHOWN_AS)
+    if not answer.complete:
+        raise NotReached(answer.reason)
+
+
+def _light(n, wish: Wish, space: str, judges: Judges, files, seed, as_json) -> None:
+    """Designs that weigh nothing."""
+    from dataclasses import replace
+
     from foldlab.inverse import propose as inverse
     from foldlab.inverse.answer import rows
     from foldlab.inverse.confirm import confirm
-    from foldlab.inverse.wish import Wish
     from foldlab.labels.solver import make_source
 
     chosen = space_named(space)
-    want, fixed = aim.read(), numbers(given.read())
-    wish = Wish(chosen, want=want, fixed=fixed, **limits.read())
-    maker = make_source(judges.source, space=chosen)
-    by_angle = aim.angle is not None
+    wish = replace(wish, space=chosen)
+    named = judges.source or "timoshenko"
+    settings = {} if named == "timoshenko" else {"effects": "none"}
+    maker = make_source(named, settings, space=chosen)
+    by_angle = not isinstance(wish.want, str)
     if by_angle and not hasattr(maker, "evaluate"):
         raise InputError(
-            f"--want angle asks for thousands of angles, and --source {judges.source} gives one at "
+            f"--want angle asks for thousands of angles, and --source {named} gives one at "
             "a time; propose with --source timoshenko, and ask `foldlab check` of what you take"
         )
+    if judges.model is None and not hasattr(maker, "evaluate"):
+        raise InputError(
+            f"a network is trained on thousands of labels, and --source {named} gives one at a "
+            "time; give a --model, or propose with --source timoshenko"
+        )
     if files is not None:
-        _need_sizes(wish)
+        need_sizes(wish)
     with nullcontext() if files is None else new_folder(files) as draft:
-        answer = inverse.propose(
+        answer: Answer = inverse.propose(
             wish,
             None if by_angle else judges.classifier(maker, space, seed),
             n,
@@ -137,95 +279,12 @@ def design(
         )
         if judges.confirm:
             answer = confirm(answer, maker, seed=seed)
-        # What Timoshenko's formula says of a unit holds where it weighs nothing.
-        heavy = getattr(getattr(maker, "conditions", None), "heavy", False)
-        result = {**answer.as_dict(), "weightless": not heavy}
+        result = {**answer.as_dict(), "weightless": True}
         if draft is not None:
-            result["made"] = {"folder": str(files), "units": _make(draft, answer)}
+            result["made"] = {"folder": str(files), "units": make_each(draft, answer)}
     emit(result, as_json, rows(answer))
     if not answer.complete:
         raise NotReached(answer.reason)
-
-
-def _need_sizes(wish: Wish) -> None:
-    """Raises :class:`InputError` for a wish that leaves sizes or materials of its designs open, or
-    their scale to the search, which knows of none that is too large to make."""
-    import numpy as np
-
-    from foldlab.inverse.wish import limits_of, quantities_of
-    from foldlab.making.geometry import QUANTITIES
-    from foldlab.materials import read_materials
-    from foldlab.unit.sized import missing
-
-    table = read_materials(wish.materials) if wish.passive or wish.active else None
-    for pair in wish.pairs:
-        names = sorted({name for limit in limits_of(wish, pair, table) for name in limit.powers})
-        known = quantities_of(np.zeros((1, len(names))), names)
-        if absent := missing(dict.fromkeys(known.columns, 1.0)):
-            raise InputError(
-                f"--files needs the size and the materials of a unit, and the wish leaves "
-                f"{', '.join(absent)} open; add --set {absent[0]}=… or --range, or materials "
-                "(--passive, --active)"
-            )
-    limited = {*wish.fixed, *wish.ranges}
-    sizes = (wish.max_length, wish.max_width, wish.max_thickness, wish.max_mass)
-    scales = {
-        "l_s": bool(limited & set(QUANTITIES.values())) or any(s is not None for s in sizes),
-        "E_s": bool(limited & {"E_s", "E_i"}) or bool(wish.passive or wish.active),
-        "rho_s": bool(limited & {"rho_s", "rho_i"}) or bool(wish.passive or wish.active),
-    }
-    for name, known in scales.items():
-        if not known:
-            raise InputError(
-                f"--files needs a scale, and nothing in the wish limits {name}; add --set {name}=… "
-                "or " + ("--max-length" if name == "l_s" else "materials (--passive, --active)")
-            )
-
-
-def _make(folder: Path, answer: Answer) -> list[dict[str, Any]]:
-    """Solves each proposal as the verb check does, and writes its files into a folder of its
-    number; what the solver said of each, and its files."""
-    from foldlab.labels.solver import SolverSource
-    from foldlab.unit.check import by_rod
-    from foldlab.unit.record import draw, write_path
-
-    source, out = SolverSource(), []
-    for number, proposal in enumerate(answer.proposals, start=1):
-        unit = _unit(answer.wish, proposal)
-        run, label = source.follow(unit.groups)
-        said = beforehand(unit, source, by_rod(unit, source))
-        said |= afterwards(unit, source, run, label)
-        note(f"{number} of {len(answer.proposals)}, by the solver under its weight: {label.reason}")
-        own = folder / str(number)
-        own.mkdir()
-        with tempfile.TemporaryDirectory() as pictures:
-            if run.shapes:
-                write_path(Path(pictures), run)
-                draw(Path(pictures), label, run, source, animate=False)
-            told = readable(said | {"files": []}, unit)
-            del told["to change"]  # nothing was tried
-            made = make(own, unit, source, said, told, run, Path(pictures) / "shapes.png")
-        kept = ("foldable", "fold_angle", "reason", "topples", "core_seconds")
-        out.append({"folder": str(number), **{k: said[k] for k in kept}, **made})
-    return out
-
-
-def _unit(wish: Wish, proposal) -> Sized:
-    """A proposal in SI units; of its materials the ranges that the wish left open."""
-    from foldlab.materials import read_materials
-    from foldlab.unit.sized import OF_MATERIAL, sized
-
-    table = read_materials(wish.materials)
-    unit = sized(proposal.physical, table, *proposal.materials)
-    # A stimulus is chosen with the design; E and rho are what the material turns out to have.
-    left = {
-        quantity
-        for role, name in zip(OF_MATERIAL, proposal.materials, strict=True)
-        for quantity in OF_MATERIAL[role]
-        if name is not None and quantity not in (*wish.fixed, "contraction")
-    }
-    given = {k: v for k, v in proposal.physical.items() if k not in left}
-    return replace(unit, ranges=sized(given, table, *proposal.materials).ranges)
 
 
 def _ranges(pairs) -> dict[str, tuple[float, float]]:
@@ -233,10 +292,11 @@ def _ranges(pairs) -> dict[str, tuple[float, float]]:
     for pair in pairs:
         name, _, text = pair.partition("=")
         try:
-            low, high = (float(part) for part in text.split(":"))
+            low, high = text.split(":")
         except ValueError:
             raise InputError(
                 f"--range {pair}: expected NAME=LOW:HIGH, as in --range E_ratio=0.1:10"
             ) from None
-        out[name.strip()] = (low, high)
+        name = name.strip()
+        out[name] = (in_si(name, low.strip()), in_si(name, high.strip()))
     return out

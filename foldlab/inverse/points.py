@@ -67,6 +67,11 @@ def spread(groups, physical, margin, n: int) -> list[int]:
 
 def groups_of(region: Region, x: np.ndarray) -> pd.DataFrame:
     """Groups of log10 variables; what the wish states is met to the last digit."""
+    return pd.DataFrame(columns_of(region, x))
+
+
+def columns_of(region: Region, x: np.ndarray) -> dict[str, np.ndarray]:
+    """As :func:`groups_of`, by name."""
     wish = region.wish
     columns = {}
     for k, name in enumerate(region.names):
@@ -75,4 +80,4 @@ def groups_of(region: Region, x: np.ndarray) -> pd.DataFrame:
             low, high = wish.ranges.get(name, (p.low, p.high))
             values = np.clip(10.0 ** x[:, k], low, high)
             columns[name] = np.full(len(x), wish.fixed[name]) if name in wish.fixed else values
-    return pd.DataFrame(columns)
+    return columns

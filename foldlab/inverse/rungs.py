@@ -6,6 +6,7 @@ microsecond, the rod half a millisecond; the solver decides (``finish``).
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -19,8 +20,8 @@ from foldlab.labels import beam
 from foldlab.labels.rod import RodSource
 from foldlab.learning.features import probability_of_folding
 
-# The full space, and sheets so stiff that they hardly feel their weight: rod and solver know them.
-SPACE = FULL.with_bounds(stiffness_to_weight=(1e-2, 1e6))
+# The full space, and sheets that feel their weight much more or hardly: rod and solver know them.
+SPACE = FULL.with_bounds(stiffness_to_weight=(1e-4, 1e6))
 # rad: panels meet at π. Designs that reach it are wished for only where nothing else folds.
 MEET = 0.97 * np.pi
 # rad by which the formulas may miss an angle that a rod is then driven to.
@@ -64,19 +65,22 @@ class Rungs:
 
     def rod(self, designs: pd.DataFrame) -> pd.DataFrame:
         """The rod's ``angle`` and its ``error``, rad; NaN where it finds no stable state."""
-        source, rows = RodSource(sure=False), []
-        for design in designs[FULL.names].to_dict("records"):
-            try:
-                label = source.label(design)
-            except InputError:  # no rod is known for such layers
-                rows.append((np.nan, np.nan))
-                continue
-            angle = label.evidence.get("m1", np.nan)
-            need = np.pi * design["contraction"]
-            error = label.evidence.get("error_estimate", np.nan) * max(abs(angle), need)
-            rows.append((angle, error) if label.foldable is not None else (np.nan, np.nan))
+        rows = [turned(design) for design in designs[FULL.names].to_dict("records")]
         return pd.DataFrame(rows, columns=["angle", "error"], dtype=float)
 
     def second(self, designs: pd.DataFrame, slack: float = 0.0) -> np.ndarray:
         """Worth by the rod, shape (n,), rad; ``slack`` widens an angle's tolerance."""
         return self.room(self.rod(designs)["angle"], designs["contraction"].to_numpy()) + slack
+
+
+def turned(design: Mapping[str, float]) -> tuple[float, float]:
+    """The rod's angle of one design and its error, rad; NaN where it finds no stable state."""
+    try:
+        label = RodSource(sure=False).label(design)
+    except InputError:  # no rod is known for such layers
+        return np.nan, np.nan
+    if label.foldable is None:
+        return np.nan, np.nan
+    angle = label.evidence["m1"]
+    scale = max(abs(angle), np.pi * design["contraction"])
+    return angle, label.evidence["error_estimate"] * scale

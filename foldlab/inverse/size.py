@@ -7,15 +7,21 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
+import pandas as pd
 
 from foldlab.errors import InputError
+from foldlab.inverse.draft import Draft, Work
+from foldlab.inverse.finish import finish
+from foldlab.inverse.points import groups_of
+from foldlab.inverse.propose import climb
+from foldlab.inverse.rungs import LOST, NEAR, Rungs, turned
 from foldlab.inverse.wish import Angle, Wish
 
 SMALLEST = 1e-3  # m: below, nobody cuts a sheet
-STEPS = 6  # halvings of a factor of 2, so that the size is known within 1 %
 WALKERS = 1024
-ATTEMPTS = 6  # designs that the solver may reject, each 3 % smaller
-BACK = 0.97
+# Of the climb to larger sizes by the rod.
+CLIMBERS, ROUNDS = 32, 20
+ATTEMPTS = 8  # designs that the solver may reject before smaller ones are no use
 
 
 def largest(
@@ -23,11 +29,11 @@ def largest(
 ) -> tuple[dict[str, Any] | None, str]:
     """The largest unit that does as wished, all other limits the same, and a sentence.
 
-    By the rod; confirmed by ``source`` where one is given. Lengths other than l_s that the wish
-    fixes stay. None where l_s is not limited from below, or where no smaller unit does either.
+    Searched by the rod, for the first pair of materials that has one; confirmed by ``source`` where
+    one is given. Other lengths that the wish fixes stay. None where l_s is not limited from below,
+    or where no smaller unit does either.
     """
-    from foldlab.inverse.finish import finish
-    from foldlab.inverse.weighted import Draft, Work, drafts, regions_of
+    from foldlab.inverse.weighted import drafts, regions_of
 
     what = _what(wish)
     size = _smallest_asked(wish)
@@ -36,56 +42,43 @@ def largest(
 
     def at(length: float) -> list[Draft]:
         try:
-            some = regions_of(_sized(wish, length))
+            some = regions_of(_between(wish, length, length))
         except InputError:
             return []
-        return drafts(_sized(wish, length), some, 3, seed=seed, walkers=WALKERS)[0]
+        return drafts(some[0][1].wish, some, 4, seed=seed, walkers=WALKERS).drafts
 
     tell(f"nothing {what} at l_s = {1e3 * size:.4g} mm by the rod; smaller units are tried …")
-    bad, good, best = size, size / 2, []
-    while good >= SMALLEST and not (best := at(good)):
-        bad, good = good, good / 2
-    if not best:
+    good, first = size / 2, []
+    while good >= SMALLEST and not (first := at(good)):
+        good /= 2
+    if not first:
         return None, (
             f"no design within the limits {what}, at l_s = {1e3 * size:.4g} mm or at any smaller "
             f"size down to {1e3 * SMALLEST:g} mm; relax another limit"
         )
-    for _ in range(STEPS):
-        middle = (good * bad) ** 0.5
-        if found := at(middle):
-            good, best = middle, found
-        else:
-            bad = middle
-    by = "the rod"
-    proposal = None
-    if source is not None:
-        for _ in range(ATTEMPTS):
-            for draft in best[:2]:
-                proposal = finish(Work(_sized(wish, good), draft, source, box=False))
-                if proposal.confirmed:
-                    break
-            if proposal is not None and proposal.confirmed:
-                break
-            good *= BACK
-            best = at(good)
-        if proposal is None or not proposal.confirmed:
-            return None, (
-                f"no design within the limits {what}, and what does by the rod at "
-                f"l_s = {1e3 * good:.3g} mm the solver did not confirm"
-            )
-        by = "the solver"
-    draft = best[0]
+    best = _raised(wish, first, good, size, np.random.default_rng(seed))
+    proposal, by, draft = None, "the rod", best[0]
+    for draft in best[:ATTEMPTS] if source is not None else ():
+        proposal, by = finish(Work(draft.region.wish, draft, source, box=False)), "the solver"
+        if proposal.confirmed:
+            break
+    if proposal is not None and not proposal.confirmed:
+        return None, (
+            f"no design within the limits {what}, and what does by the rod at "
+            f"l_s = {1e3 * length_of(best[0]):.3g} mm the solver did not confirm"
+        )
+    good = length_of(draft)
     told = {
         "l_s": good,
         "physical": dict(proposal.physical if proposal else draft.physical),
         "groups": dict(proposal.groups if proposal else draft.groups),
-        "fold_angle": proposal.angle if proposal else draft.angle,
+        "fold_angle": proposal.angle if proposal else turned(draft.groups)[0],
         "materials": list(draft.pair),
         "confirmed": bool(proposal),
     }
     return told, (
-        f"not at this size: at most l_s = {1e3 * good:.3g} mm, by {by}, with the limits otherwise "
-        f"as they are; no design {what} at l_s = {1e3 * size:.4g} mm"
+        f"not at this size: at most l_s = {1e3 * good:.3g} mm, the largest found that {what}, by "
+        f"{by}, with all other limits as they are"
     )
 
 
@@ -103,6 +96,49 @@ def _smallest_asked(wish: Wish) -> float | None:
     return float(wish.ranges["l_s"][0]) if "l_s" in wish.ranges else None
 
 
-def _sized(wish: Wish, length: float) -> Wish:
+def length_of(draft: Draft) -> float:
+    """l_s in m."""
+    return float(draft.physical["l_s"])
+
+
+def _between(wish: Wish, low: float, high: float) -> Wish:
+    """The wish with other limits of l_s."""
+    fixed = {name: value for name, value in wish.fixed.items() if name != "l_s"}
     ranges = {name: ends for name, ends in wish.ranges.items() if name != "l_s"}
-    return replace(wish, fixed={**wish.fixed, "l_s": length}, ranges=ranges)
+    if low == high:
+        return replace(wish, fixed={**fixed, "l_s": low}, ranges=ranges)
+    return replace(wish, fixed=fixed, ranges={**ranges, "l_s": (low, high)})
+
+
+def _raised(wish: Wish, first: list[Draft], good: float, size: float, rng) -> list[Draft]:
+    """Drafts at sizes as large as the rod still does as wished, the largest first."""
+    from foldlab.inverse.weighted import driven, regions_of
+
+    wide = _between(wish, good / 2, size)
+    meet = Rungs(wide).second(pd.DataFrame([draft.groups for draft in first])).max() < 0
+    rungs = Rungs(wide, meet=meet)
+    regions = {pair: region for pair, region in regions_of(wide)}
+    pair = first[0].pair
+    region = regions[pair]
+    at = region.names.index("l_s")
+
+    def worth(x):
+        groups = groups_of(region, x)
+        room = rungs.second(groups, NEAR if isinstance(wish.want, Angle) else 0.0)
+        return np.where(room >= 0, x[:, at] - np.log10(size) - 1e-9, LOST + np.minimum(room, 0))
+
+    start = np.array([draft.x for draft in first if draft.pair == pair])
+    x, value = climb(
+        worth, region, start[rng.integers(len(start), size=CLIMBERS)], rng, need=1,
+        rounds=ROUNDS, steps=2,
+    )  # fmt: skip
+    out = []
+    for k in [*np.argsort(-value)]:
+        if len(out) == ATTEMPTS:
+            break
+        draft: Draft | None = Draft(pair, region, x[k])
+        if isinstance(wish.want, Angle):
+            draft = driven(draft, rungs)
+        if draft is not None:
+            out.append(draft)
+    return out or first

@@ -1,4 +1,4 @@
-"""Inverse design under weight: drafts from formulas and a rod, finished and confirmed by the solver.
+"""Inverse design under weight: drafts from formulas and a rod, confirmed by the solver.
 
 The limits leave a region as in ``propose``. Its designs are screened by ``rungs``; a wished angle
 is then reached along one free group by the rod, and finished by the solver (``finish``). Of a named
@@ -18,19 +18,25 @@ import numpy as np
 import pandas as pd
 from scipy.optimize import brentq
 
+from foldlab.design import FULL
 from foldlab.errors import InputError
 from foldlab.inverse.answer import Answer, Proposal
-from foldlab.inverse.points import groups_of, named, physical_of, spread
+from foldlab.inverse.box import Box
+from foldlab.inverse.draft import Draft, Work
+from foldlab.inverse.finish import ANSWERS, by_rod, finish
+from foldlab.inverse.points import columns_of, groups_of, named, spread
 from foldlab.inverse.propose import climb
 from foldlab.inverse.region import Region
-from foldlab.inverse.rungs import NEAR, SPACE, Rungs
-from foldlab.inverse.wish import Angle, Wish, limits_of
+from foldlab.inverse.rungs import NEAR, SPACE, Rungs, turned
+from foldlab.inverse.wish import Angle, Wish, limits_of, scales_of
 from foldlab.materials import read_materials
 
 WALKERS = 4096
 RODS = 512
 # Walkers and rounds of a climb by the rod, where the formulas see no design that does.
 CLIMBERS, ROUNDS = 64, 8
+PROBE = 0.05  # times the margin: a small box that tells sensitive designs from others
+TRIED = 60  # designs whose margin is found
 # What is changed to reach an angle, in this order: the first that the wish leaves free.
 DRIVERS = ("contraction", "hinge_length", "h_ratio", "slenderness", "E_ratio", "l_s")
 OF_MATERIAL = {
@@ -39,27 +45,6 @@ OF_MATERIAL = {
     "E_i": ("active", "E", {"E_i", "E_ratio"}),
     "rho_i": ("active", "rho", {"rho_i", "rho_ratio"}),
 }
-
-
-@dataclass(frozen=True)
-class Draft:
-    """A design by the rod: log10 variables ``x`` (see :class:`Region`), rod's ``angle`` in rad;
-    ``driver``: the group along which an angle is reached, or None."""
-
-    pair: tuple[str | None, str | None]
-    region: Region
-    x: np.ndarray
-    angle: float
-    driver: str | None = None
-
-    @property
-    def groups(self) -> dict[str, float]:
-        return groups_of(self.region, self.x[None]).iloc[0].to_dict()
-
-    @property
-    def physical(self) -> dict[str, float]:
-        groups = groups_of(self.region, self.x[None])
-        return physical_of(self.region, groups, self.x[None]).iloc[0].dropna().to_dict()
 
 
 def regions_of(wish: Wish) -> list[tuple[tuple[str | None, str | None], Region]]:
@@ -97,33 +82,46 @@ def _middle(wish: Wish, pair, table) -> Wish:
     return replace(wish, fixed=fixed)
 
 
+@dataclass(frozen=True)
+class Found:
+    """``drafts``: that do as wished by the rod, the best first. ``room``: the most that was seen,
+    rad, < 0 where nothing does as wished; ``margin``: the largest, as a fraction of the bounds, of
+    those that do, None where none was asked for."""
+
+    drafts: list[Draft]
+    room: float
+    margin: float | None = None
+
+
 def drafts(
     wish: Wish, regions, n: int, *, seed: int, model: Any = None, walkers: int = WALKERS
-) -> tuple[list[Draft], float]:
-    """At most ``n`` diverse designs that do as wished by the rod, the best first; and the best room
-    that was seen, rad (< 0 where there is none)."""
-    best = -np.inf
+) -> Found:
+    """At most ``n`` diverse designs that do as wished by the rod, with the wished margin."""
+    found = Found([], -np.inf)
     for meet in (False, True):
-        rungs = Rungs(wish, model, meet)
-        tries = [
-            _search(rungs, region, pair, n, np.random.default_rng(seed), walkers)
-            for pair, region in regions
-        ]
-        best = max(best, *(reached for _, _, reached in tries))
-        every = [draft for some, _, _ in tries for draft in some]
+        rungs, rng = Rungs(wish, model, meet), np.random.default_rng(seed)
+        tries = [_search(rungs, region, pair, n, rng, walkers) for pair, region in regions]
+        every = [entry for some, _ in tries for entry in some]
+        found = replace(found, room=max(found.room, *(room for _, room in tries)))
+        if every and wish.margin > 0:
+            good = [(draft, worst) for draft, worst in every if worst >= 0]
+            if not good:
+                margins = [Box(d, rungs).margin(Box(d, rungs).scale()) for d, _ in every[:16]]
+                found = replace(found, margin=max([found.margin or 0.0, *margins]))
+            every = good
         if every or wish.want != "foldable":
             break
     if not every:
-        return [], best
-    rooms = np.concatenate([rooms for _, rooms, _ in tries])
-    groups = pd.DataFrame([draft.groups for draft in every])
-    physical = pd.DataFrame([draft.physical for draft in every])
-    chosen = spread(groups, physical, np.maximum(rooms, 0), min(n, len(every)))
-    return [every[k] for k in chosen], best
+        return found
+    some, worth = [draft for draft, _ in every], np.array([worth for _, worth in every])
+    groups = pd.DataFrame([draft.groups for draft in some])
+    physical = pd.DataFrame([draft.physical for draft in some])
+    chosen = spread(groups, physical, np.maximum(worth, 0), min(n, len(some)))
+    return replace(found, drafts=[some[k] for k in chosen])
 
 
 def _search(rungs: Rungs, region: Region, pair, n: int, rng, walkers: int):
-    """Drafts in one region, their room for :func:`spread`, and the best room seen."""
+    """Drafts in one region with their worth for :func:`spread`, and the best room seen."""
     angle = isinstance(rungs.wish.want, Angle)
     slack = NEAR if angle else 0.0
     rods = max(RODS * walkers // WALKERS, 8 * n)
@@ -132,34 +130,41 @@ def _search(rungs: Rungs, region: Region, pair, n: int, rng, walkers: int):
         region, region.sample(walkers, rng), rng, need=rods,
     )  # fmt: skip
     order = rng.permutation(len(x))
-    order = order[np.argsort(-np.minimum(worth[order], 0), kind="stable")][:rods]
-    x = x[order]
+    x = x[order[np.argsort(-np.minimum(worth[order], 0), kind="stable")][:rods]]
 
-    def by_rod(y):
+    def second(y):
         return rungs.second(groups_of(region, y), slack)
 
-    value = by_rod(x)
-    enough = max(2 * n, 8)
-    if (value >= 0).sum() < enough and walkers >= CLIMBERS:
+    value, enough = second(x), max(2 * n, 8)
+    if (value >= 0).sum() < enough:
         top = x[np.argsort(-value)[:CLIMBERS]]
-        more, worth = climb(by_rod, region, top, rng, need=enough, rounds=ROUNDS, steps=2)
+        more, worth = climb(second, region, top, rng, need=enough, rounds=ROUNDS, steps=2)
         x, value = np.vstack([x, more]), np.concatenate([value, worth])
     best = float(value.max(initial=-np.inf)) - slack
     x, value = x[value >= 0], value[value >= 0]
-    keep = rng.permutation(len(x))[: max(4 * n, 24)] if angle else np.arange(len(x))
-    rod = rungs.rod(groups_of(region, x[keep]))
-    out, rooms = [], []
-    for k, (turned, error) in zip(keep, rod.to_numpy(), strict=True):
-        draft = Draft(pair, region, x[k], turned)
-        if angle:
-            draft = driven(draft, rungs)
-            if draft is None:
-                continue
+    order = rng.permutation(len(x))
+    if not angle:  # half of those that are tried for their margin are those with the most room
+        order = np.r_[np.argsort(-value)[: TRIED // 2], order]
+    out = []
+    for k in list(dict.fromkeys(order.tolist()))[: max(4 * n, 24) if angle else TRIED]:
+        draft = Draft(pair, region, x[k])
+        if not angle:
+            out.append((draft, _worst(draft, rungs, float(value[k]))))
+        elif (driven_ := driven(draft, rungs)) is not None:
+            # An angle is as good as it bears tolerances, and as its rod is sure.
+            error = turned(driven_.groups)[1]
+            box = Box(driven_, rungs)
+            room = float(box.rooms(box.designs(PROBE)).min()) / rungs.wish.want.tolerance
+            worth = max(1 + room, 0.05) / (1 + 20 * error)
+            out.append((driven_, min(_worst(driven_, rungs, worth), worth)))
             best = max(best, 0.0)
-        out.append(draft)
-        # An angle is as good as its rod is sure; a label as far as it is beyond its threshold.
-        rooms.append(1 / (1 + 20 * error) if angle else min(value[k] / (error + 1e-3), 5.0))
-    return out, np.array(rooms), best
+    return out, best
+
+
+def _worst(draft: Draft, rungs: Rungs, room: float) -> float:
+    """The least room in the box of the wished margin, rad; ``room`` itself without a margin."""
+    box = Box(draft, rungs)
+    return float(box.rooms(box.designs(1.0)).min()) if rungs.wish.margin > 0 else room
 
 
 def driven(draft: Draft, rungs: Rungs) -> Draft | None:
@@ -176,8 +181,8 @@ def driven(draft: Draft, rungs: Rungs) -> Draft | None:
             continue
 
         def off(t, direction=direction):
-            groups = groups_of(draft.region, (draft.x + t * direction)[None])
-            return float(rungs.rod(groups)["angle"].iloc[0]) - wanted
+            design = columns_of(draft.region, (draft.x + t * direction)[None])
+            return turned({name: float(value[0]) for name, value in design.items()})[0] - wanted
 
         grid = np.unique(np.r_[np.linspace(low, high, 9), 0.0])
         values = np.array([off(t) for t in grid])
@@ -188,7 +193,7 @@ def driven(draft: Draft, rungs: Rungs) -> Draft | None:
                 continue
             t = _root(off, grid[k], grid[k + 1])
             if t is not None:
-                return replace(draft, x=draft.x + t * direction, angle=wanted, driver=name)
+                return replace(draft, x=draft.x + t * direction, driver=name)
     return None
 
 
@@ -199,16 +204,6 @@ def _root(off: Callable[[float], float], low: float, high: float) -> float | Non
     except (ValueError, RuntimeError):
         return None
     return t if abs(off(t)) < 0.01 else None
-
-
-@dataclass(frozen=True)
-class Work:
-    """What :func:`foldlab.inverse.finish.finish` is asked for; it travels to workers."""
-
-    wish: Wish
-    draft: Draft
-    source: Any
-    box: bool = True
 
 
 def weighted(
@@ -229,23 +224,28 @@ def weighted(
     space that screens beside the formulas. ``executor``: finishes several at a time. ``tell`` hears
     what happens. Raises :class:`InputError` for limits that exclude each other.
     """
-    from foldlab.inverse.finish import by_rod, finish
     from foldlab.inverse.size import largest
 
     if n < 1:
         raise InputError(f"n = {n}; ask for at least one design")
-    start, wish = time.perf_counter(), replace(wish, space=SPACE)
+    start = time.perf_counter()
+    # Where it is known what a unit weighs, it may weigh next to nothing.
+    wish = replace(wish, space=SPACE if all(scales_of(wish).values()) else FULL)
     if isinstance(wish.want, Angle) and wish.want.value >= 2 * np.pi:
         raise InputError(
             f"a fold angle of {wish.want.value:g} rad; a unit turns by less than a full turn"
         )
-    spent = time.process_time()
-    regions = regions_of(wish)
-    tries = 3 * n if confirmed else n
-    some, _ = drafts(wish, regions, tries, seed=seed, model=model)
-    searched = time.process_time() - spent
+    begun = time.process_time()
     done: list[Proposal] = []
     failed: list[Proposal] = []
+
+    def spent() -> float:
+        away = sum(p.core_seconds for p in (*done, *failed)) if executor else 0.0
+        return time.process_time() - begun + away
+
+    regions = regions_of(wish)
+    found = drafts(wish, regions, 3 * n if confirmed else n, seed=seed, model=model)
+    some = list(found.drafts)
     if some:
         tell(forecast(some, n, source, confirmed))
     while some and len(done) < n:
@@ -256,36 +256,53 @@ def weighted(
         for proposal in results:
             good = proposal.confirmed is True or not confirmed
             (done if good else failed).append(proposal)
-            spent = searched + sum(p.core_seconds for p in (*done, *failed))
             tell(
                 f"{len(done)} of {n} {'confirmed' if confirmed else 'proposed'}, "
-                f"{len(failed)} not as wished, {spent:.3g} core-seconds"
+                f"{len(failed)} not as wished, {spent():.3g} core-seconds"
             )
     answer = Answer(
         wish, n, tuple(done), f"{n} designs found", time.perf_counter() - start,
         source.name if confirmed else "", weightless=False,
-        core_seconds=searched + sum(p.core_seconds for p in (*done, *failed)),
+        core_seconds=spent(),
         rejected=len(failed),
     )  # fmt: skip
     if len(done) == n:
         return answer
     if done:
-        reason = f"only {len(done)} of {n} designs within the limits; widen a range"
+        reason = f"only {len(done)} distinct designs within the limits; widen a range"
         return replace(answer, reason=reason)
+    if found.margin is not None or failed:
+        return replace(answer, reason=_why(wish, found, failed))
     size, reason = largest(wish, seed=seed, source=source if confirmed else None, tell=tell)
-    return replace(answer, reason=reason, largest=size, seconds=time.perf_counter() - start)
+    return replace(
+        answer, reason=reason, largest=size, seconds=time.perf_counter() - start,
+        core_seconds=spent(),
+    )  # fmt: skip
 
 
 def forecast(some: list[Draft], n: int, source, confirmed: bool) -> str:
     """What confirming will cost, in a sentence."""
-    from foldlab.inverse.finish import ANSWERS
     from foldlab.labels.forecast import forecast as of_label
 
     if not confirmed:
         return f"{len(some)} designs by the rod; the solver is not asked"
-    costs = [of_label(draft.groups, source) for draft in some[:n]]
-    seconds = ANSWERS * sum(cost.seconds for cost in costs if cost is not None)
+    seconds = 0.0
+    if source.name == "solver":
+        costs = [of_label(draft.groups, source) for draft in some[:n]]
+        seconds = ANSWERS * sum(cost.seconds for cost in costs if cost is not None)
     return (
-        f"{len(some)} designs by the rod; the solver confirms {min(n, len(some))} with their boxes: "
-        f"about {seconds:.2g} core-seconds"
+        f"{len(some)} designs by the rod; the {source.name} is asked of {min(n, len(some))} and "
+        f"their boxes, about {seconds:.2g} core-seconds"
+    )
+
+
+def _why(wish: Wish, found: Found, failed: list[Proposal]) -> str:
+    """Why there is no answer where some design does as wished by the rod."""
+    if failed:
+        label = failed[0].label
+        said = label.reason if label is not None else "nothing"
+        return f"none of {len(failed)} designs that the rod proposed was confirmed: {said}"
+    return (
+        f"the behaviour is predicted, but no design was found with a margin of {wish.margin:g}; "
+        f"the largest found is {found.margin:.3g}: lower the margin to that"
     )

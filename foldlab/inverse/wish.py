@@ -249,6 +249,19 @@ def box_parameters(wish: Wish) -> list[Parameter]:
     ]
 
 
+def scales_of(wish: Wish) -> dict[str, bool]:
+    """Whether a wish limits each of the scales l_s, E_s and rho_s; all of them fix the weight."""
+    limited = {*wish.fixed, *wish.ranges}
+    sizes = (wish.max_length, wish.max_width, wish.max_thickness, wish.max_mass)
+    lengths = {quantity for quantity in RATIOS if PHYSICAL[quantity] == "m"} | {"l_s"}
+    materials = bool(wish.passive or wish.active)
+    return {
+        "l_s": bool(limited & lengths) or any(size is not None for size in sizes),
+        "E_s": bool(limited & {"E_s", "E_i"}) or materials,
+        "rho_s": bool(limited & {"rho_s", "rho_i"}) or materials,
+    }
+
+
 def mass_of(quantities: pd.DataFrame) -> np.ndarray:
     """Mass of the unit in kg, shape (n,), from SI columns rho, l, b, h of both layers."""
     q = quantities

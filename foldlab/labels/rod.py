@@ -87,9 +87,7 @@ class RodSource:
 
     def label(self, design: Mapping[str, float]) -> Label:
         """Raises :class:`InputError` for a design that is no unit or that no rod is known for."""
-        import pandas as pd
-
-        return self.label_many(pd.DataFrame([dict(design)]))[0]
+        return self._label(self.space.validate_one(design, bounds=False))
 
     def label_many(self, designs: pd.DataFrame) -> list[Label]:
         """Labels of a table of designs, in its order."""

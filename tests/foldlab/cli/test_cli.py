@@ -121,7 +121,7 @@ def test_a_campaign_that_stopped_half_way_is_status_3(foldlab, monkeypatch):
 
 
 def test_design_for_an_angle_needs_no_model(foldlab):
-    line = "design --space full --want angle --angle 1.5 -n 3 --confirm --json"
+    line = "design --space full --source timoshenko --want angle --angle 1.5 -n 3 --confirm --json"
     answer = last_json(foldlab(line))
     assert answer["confirmed_fraction"] == 1.0 and answer["weightless"] is True
 
@@ -211,7 +211,7 @@ BAD = {
     "no models": ("quickstart --set models=[]", "models = []; expected some of tree,"),
     "a seed that is another option's": ("quickstart --set seed=3", "no setting 'seed'"),
     "angles of the solver": (
-        "design --want angle --angle 1.57 --space full --source solver -n 2",
+        "design --want angle=90deg --space full --source solver --weightless -n 2",
         "--source solver gives one at a time; propose with --source timoshenko",
     ),
     "no source": ("map m -o a.png --against=", "no label source ''"),

@@ -93,7 +93,7 @@ def test_strips_are_solved_and_cut(foldlab, tmp_path):
             "nothing in the wish limits E_s; add --set E_s=… or materials",
         ),
         (
-            "design --set l_s=40mm --passive PET --active SMP --files made",
+            "design --weightless --set l_s=40mm --passive PET --active SMP --files made",
             "the wish leaves b_s, l_i open; add --set b_s=…",
         ),
     ],
