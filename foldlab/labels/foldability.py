@@ -33,6 +33,11 @@ TAGS = ("F1", "F2", "F3", "F4")
 TOUCHING = 0.1
 
 
+# Fraction of the full turn that counts as one: panels that have turned over lie on the ground
+# again, each turned by π but for what its hinge holds up, and come no nearer.
+LYING = 0.995
+
+
 @dataclass(frozen=True)
 class Measures:
     """m1 … m4 of one state, and the part of m1 that turns within the hinge.
@@ -85,8 +90,9 @@ class Thresholds:
         return np.maximum(np.abs(m1), self.angle(contraction))
 
     def closed(self, m1, m2):
-        """Whether a state has turned fully along the sheet or by half across; broadcasts."""
-        return (np.abs(m1) >= self.full_turn) | (np.asarray(m2) >= self.full_turn / 2)
+        """Whether a state has turned fully along the sheet, see :data:`LYING`, or by half across;
+        broadcasts."""
+        return (np.abs(m1) >= LYING * self.full_turn) | (np.asarray(m2) >= self.full_turn / 2)
 
     def tags(self, measures: Measures | Mapping[str, float], contraction: float) -> dict[str, bool]:
         """F1 … F4 at a contraction |g|."""

@@ -98,7 +98,7 @@ class SolverSource:
     def version(self) -> str:
         """Tells all settings apart that may change an answer."""
         c, effort = self.conditions, self.effort
-        parts = ["11", c.growth, c.effects.replace(",", "+"), f"{effort.accuracy:g}"]
+        parts = ["12", c.growth, c.effects.replace(",", "+"), f"{effort.accuracy:g}"]
         parts += ["exists"] * (self.question == "exists") + ["falls"] * (not c.upright)
         parts += [f"noise{self.seed}"] * (self.seed is not None)
         parts += [f"pattern{c.strips}x{c.strip_share:g}"] * (c.strips > 0)

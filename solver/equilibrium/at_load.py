@@ -123,6 +123,10 @@ class Mixed(AtLoad):
             fraction = longest * 0.5**halved
             there = self.moved(z, fraction * dz)
             residual = self.residual(there)
+            if residual is None and self.scene.sections is not None:
+                # What a barrier admits of a straight step it may not of one that turns.
+                there = z + fraction * dz
+                residual = self.residual(there)
             if residual is not None:
                 break
         else:

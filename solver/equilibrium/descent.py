@@ -21,6 +21,9 @@ from solver.equilibrium.outcome import Outcome
 from solver.equilibrium.scene import Scene, System
 
 _DIRECT = 25  # factorisations before the body flows
+# Steps of the flow without a refused one after which its pace rises as it may, and the most between
+# two attempts at the equilibrium itself.
+_CALM, _WAITS = 4, 8
 
 
 def critical_mode(
@@ -150,22 +153,25 @@ def descend(
 
 
 def _doubted(scene: Scene, result: NewtonResult, start: np.ndarray) -> NewtonResult:
-    """The result; where nothing came of it, and solves there are roundoff, with that outcome.
-
-    ``start``: where to look instead of a result that is not admissible.
-    """
+    """The result; where nothing came of it, and solves where it ended or set out are roundoff, with
+    that outcome. ``start``: where it set out."""
     if result.converged:
         return result
-    system = scene.system(result.x, result.e) or scene.system(start, result.e)
-    if system is None:
-        return result
+    for x in (result.x, start):
+        system = scene.system(x, result.e)
+        if system is not None and _blind(scene, system):
+            return replace(result, outcome=Outcome.ILL_CONDITIONED)
+    return result
+
+
+def _blind(scene: Scene, system: System) -> bool:
+    """Whether a solve for forces in no order is roundoff."""
     push = np.random.default_rng(0).standard_normal(scene.size)
     push[scene.n_free :] = 0.0
     probe, solve = System(scene, push, system.values), system.factorise().solve
-    blind = roundoff(
+    return roundoff(
         probe.linear_residual, solve, -solve(push), lambda dx: largest(dx[: scene.n_free])
     )
-    return replace(result, outcome=Outcome.ILL_CONDITIONED) if blind else result
 
 
 class _Drag:
@@ -216,6 +222,7 @@ def _flow(scene, x, e, rtol, reach, max_iterations, spent, drag) -> NewtonResult
         value, _ = critical_mode(scene, system.factorise(), sweeps=4)
         drag = abs(value)
     velocity, failed = np.zeros(scene.size), 0
+    calm, waits, wait = _CALM, 1, 0
     while spent < max_iterations and failed < 12:
         step = newton(
             _Drag(scene, x, drag), _ahead(scene, x, velocity / drag, e), e,
@@ -227,20 +234,22 @@ def _flow(scene, x, e, rtol, reach, max_iterations, spent, drag) -> NewtonResult
         # Differences of a thin body's energy are roundoff to ~1e-6 of it.
         falls = energy <= system.energy + 1e-6 * abs(system.energy)
         if not (falls and 0 < moved <= 3 * reach):
-            drag, failed = 8 * drag, failed + 1
+            drag, failed, calm = 4 * drag, failed + 1, 0
             # After Newton's method has moved on, the pace is another place's and may overshoot.
             velocity = (0.0 if failed > 2 else 1.0 if step.iterations < 3 else 0.5) * velocity
             continue
-        failed = 0
+        failed, calm = 0, calm + 1
         velocity = drag * (step.x - x)
         velocity[n:] = 0.0
         # Unfinished, a step is still one downhill, but its pace says little.
         settled = step.outcome in (Outcome.CONVERGED, Outcome.STAGNATED)
-        drag *= (0.3 if moved < reach else 1.0) if settled else 2.0
+        faster = 0.3 if calm >= _CALM else 0.6
+        drag *= (faster if moved < reach else 1.0) if settled else 2.0
         x, system = step.x, scene.system(step.x, e)
         if system is None:
             return replace(lost, x=x, iterations=spent)
-        if system.unstable == 0:
+        wait -= 1
+        if system.unstable == 0 and (wait < 0 or moved <= 10 * rtol):
             plain = newton(scene, x, e, rtol=rtol, max_iterations=8, unstable=0)
             spent += plain.iterations
             if largest(plain.x[:n] - x[:n]) / length <= 3 * reach:
@@ -249,7 +258,8 @@ def _flow(scene, x, e, rtol, reach, max_iterations, spent, drag) -> NewtonResult
                 lower = scene.system(plain.x, e)
                 if lower is not None and lower.energy < system.energy:
                     x, system = plain.x, lower
-        elif moved <= rtol:
+            wait, waits = waits, min(2 * waits, _WAITS)
+        elif moved <= rtol and system.unstable != 0:
             x, velocity = _off_saddle(scene, system, x, e, rtol), 0 * velocity
             system = scene.system(x, e)
             if system is None:

@@ -180,7 +180,7 @@ def test_other_thresholds_apply_to_stored_measures():
 
 def test_a_path_closes_after_a_full_turn_or_half_of_it_across():
     closed = Thresholds().closed
-    m1, m2 = np.array([6.28, 6.29, -6.29, 0, 0]), np.array([0, 0, 0, 3.14, 3.15])
+    m1, m2 = np.array([6.25, 6.253, -6.29, 0, 0]), np.array([0, 0, 0, 3.14, 3.15])
     assert closed(m1, m2).tolist() == [False, True, True, False, True]
 
 

@@ -288,7 +288,7 @@ def test_versions_tell_settings_apart():
     assert len({make_source("solver", o).version for o in options}) == len(options)
     # What can't change an answer makes no other version.
     same = [{}, {"timeout": 9.0}, {"strip_share": 0.8}]
-    assert {make_source("solver", o).version for o in same} == {"11-uniaxial-gravity+ground-0.02"}
+    assert {make_source("solver", o).version for o in same} == {"12-uniaxial-gravity+ground-0.02"}
 
 
 def test_settings_without_strips_do_not_say_what_strips_cover():
