@@ -49,7 +49,7 @@ class Config:
     growth: str = "uniaxial"
     first: int = 0
     pieces: int = 1
-    size: int = 500
+    size: int = 300
     accuracy: float = 0.02
     timeout: float = 30.0
     workers: int = 1
@@ -111,7 +111,8 @@ def _piece(config: Config, k: int, path: Path) -> pd.DataFrame:
     if config.write:
         table.attrs["foldlab"] = {
             "command": "python -m experiments.gravity_dataset "
-            f"--set growth={config.growth} --set first={k} --set timeout={config.timeout:g}",
+            f"--set growth={config.growth} --set first={k} --set size={config.size} "
+            f"--set timeout={config.timeout:g}",
             "commit": _commit(),
             "labels": len(table),
             "core_seconds": float(table["core_seconds"].sum()),

@@ -129,6 +129,19 @@ def test_a_step_that_turns_the_body_inside_out_is_halved_until_it_does_not(monke
     assert taken == pytest.approx(dz / 2)
 
 
+def test_where_only_the_turning_step_is_not_admitted_the_straight_one_is_taken(monkeypatch):
+    scene = build(UNIT, Meshing(0), Physics(())).scene
+    assert scene.sections is not None
+    mixed, z = Mixed(scene, 0.0, 1e-8), np.zeros(scene.size)
+    dz = np.full(scene.size, 1e-9)
+    monkeypatch.setattr(mixed, "moved", lambda z, dz: z + 1e9)
+    residual = mixed.residual
+    monkeypatch.setattr(mixed, "residual", lambda z: None if z.max() > 1 else residual(z))
+    step = mixed.step(SimpleNamespace(unstable=0), None, z, dz, 1.0)
+    assert isinstance(step, Step) and step.fraction == 1.0
+    assert np.array_equal(step.z, z + dz)
+
+
 @pytest.mark.parametrize(("halvings", "taken"), [(7, True), (8, False)])
 def test_a_step_is_halved_seven_times_at_most(halvings, taken):
     scene = hinge()
