@@ -24,6 +24,7 @@ SMALLER = {
     "foldlab tune l.parquet": "foldlab tune l.parquet --trials 2 --set epochs=[20,40]",
     "foldlab check": "foldlab check --no-pictures --accuracy 0.2",
     "foldlab simulate": "foldlab simulate --no-pictures --accuracy 0.2",
+    "-o w.png --verify 40": "-o w.png --verify 1 --points 500",
     "sample(6000": "sample(300",
     "100_000": "2000",
 }
@@ -63,6 +64,7 @@ def test_commands_run_in_their_order(tmp_path, monkeypatch, capsys):
                 cli.main()
             assert not end.value.code, f"{line}: {capsys.readouterr().err}"
     assert verbs >= {"check", "simulate", "sample", "label", "train", "map", "design", "tune"}
+    assert "predict" in verbs
     assert {"d.parquet", "s.db", "l.parquet", "m", "map.png", "a", "t"} <= {
         p.name for p in tmp_path.iterdir()
     }
