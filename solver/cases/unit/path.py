@@ -370,7 +370,8 @@ class _Walk:
             further = self.stepper.advance(self.model.scene, point, 1.0)
             if isinstance(further, Ended):
                 return accepted
-            point = further
+            # What happened in the step to the point that was given up happened.
+            point = replace(further, events=(*point.events, *further.events))
         return self._accept(point)
 
     def _accept(self, point: Point) -> Point | Ended | Ending:

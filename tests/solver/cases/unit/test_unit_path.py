@@ -9,6 +9,7 @@ from folding_units import COARSE, COARSEST, HEAVY, NARROW, P, angle, reached
 
 from foldlab.labels import foldability
 from solver.cases.unit import mesh as unit_mesh
+from solver.cases.unit import path
 from solver.cases.unit.choices import Meshing, Physics, Supports, Watch
 from solver.cases.unit.model import build
 from solver.cases.unit.output import Shape, write_path
@@ -19,6 +20,7 @@ from solver.equilibrium import clock
 from solver.equilibrium.outcome import Outcome
 from solver.paths.continuation import trace
 from solver.paths.point import Ended
+from solver.paths.stability import Event
 from solver.paths.stable import StableSteps
 from solver.paths.steppers import LoadSteps
 
@@ -161,6 +163,37 @@ def test_a_fall_that_finds_no_end_is_tried_again_a_step_on(monkeypatch, failures
     (lost,) = found.happenings
     assert lost.kind == "rocking" and lost.e > failed[0] > plain.happenings[0].e - 1e-12
     assert angle(found) == pytest.approx(angle(plain), rel=1e-6)
+
+
+def test_a_snap_is_told_where_the_fall_after_it_is_tried_again(monkeypatch):
+    def check(self, x, e):
+        return [Check(("x",), int(e > 0.2), 0)] if len(self.model.mirrors) == 2 else []
+
+    begin, advance, failed = StableSteps.begin, StableSteps.advance, []
+
+    def creeps(self, scene, x, e, sign):
+        if e > 0 and not failed:
+            failed.append(e)
+            return Ended(Outcome.NO_STABLE_STATE)
+        return begin(self, scene, x, e, sign)
+
+    def snaps(self, scene, point, target):
+        after = advance(self, scene, point, target)
+        if not point.e <= 0.2 < after.e:
+            return after
+        snap = Event("snap", after.e, after.x, after.x - point.x, size=0.1)
+        return replace(after, events=(snap,))
+
+    monkeypatch.setattr(Symmetries, "check", check)
+    monkeypatch.setattr(StableSteps, "begin", creeps)
+    monkeypatch.setattr(StableSteps, "advance", snaps)
+    # Of the two losses in this step the model's own is the first.
+    monkeypatch.setattr(path._Walk, "_first_lost", lambda self, point: point)
+    found = fold(build(P, Meshing(0), Physics(())))
+    assert found.ending is Ending.REACHED
+    snap, lost = found.happenings
+    assert (snap.kind, snap.e, snap.size) == ("snap", failed[0], 0.1)
+    assert lost.kind == "rocking" and lost.e > snap.e
 
 
 def test_a_path_of_as_many_states_as_are_allowed_is_too_long():
