@@ -263,7 +263,8 @@ def _yes(value: bool | None) -> str:
 
 
 def _degrees(angle: float | None) -> str:
-    return "–" if angle is None else f"{angle * DEGREES:.3g}°"
+    # Below a twentieth of a degree lies what no sheet shows.
+    return "–" if angle is None else f"{0.0 if abs(angle) < 9e-4 else angle * DEGREES:.3g}°"
 
 
 def _strain(rows: Mapping[str, Mapping[str, Any]]) -> str:
@@ -284,9 +285,11 @@ def _over(answer: Mapping[str, Any] | None) -> str:
         f"{name} {_shown(name, low)} to {_shown(name, high)}"
         for name, (low, high) in answer["ranges"].items()
     )
+    formula = f" ({answer['by_formula']} by beam formulas)" if answer["by_formula"] else ""
     return (
-        f"{100 * answer['folds']:.0f} % of {answer['draws']} units fold by the rod, 90 % of all "
-        f"turn by {_degrees(answer['angle_low'])} to {_degrees(answer['angle_high'])} ({names})"
+        f"{100 * answer['folds']:.0f} % of {answer['draws']} units fold by the rod{formula}, "
+        f"90 % of all turn by {_degrees(answer['angle_low'])} to "
+        f"{_degrees(answer['angle_high'])} ({names})"
     )
 
 

@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 
 from foldlab.errors import InputError
+from foldlab.labels import beam
 from foldlab.labels.label import Label
 from foldlab.labels.rod import RodSource
 from foldlab.labels.solver import SolverSource
@@ -47,19 +48,31 @@ def by_rod(unit: Sized, source: SolverSource) -> Label | None:
 
 def uncertainty(unit: Sized, source: SolverSource, draws: int = DRAWS) -> dict[str, Any] | None:
     """What the materials' ranges leave open: fraction of units that fold by the rod, and the angle
-    (rad) that 5 and 95 % of them stay below. None without ranges or without a rod."""
+    (rad) that 5 and 95 % of them stay below. None without ranges or without a rod.
+
+    Units that the rod does not know, as with an active layer a thousand times softer than the
+    sheet, are judged by beam formulas (:mod:`foldlab.labels.beam`); ``by_formula``: how many.
+    """
     rod = _rod(source)
     if not unit.ranges or rod is None:
         return None
-    drawn = unit.drawn(draws).to_dict("records")
-    labels = [label for label in _labels(replace(rod, sure=False), drawn) if label]
-    known = [label for label in labels if label.foldable is not None]
-    if len(known) < draws / 2:
-        return None
-    low, high = np.quantile([label.evidence["m1"] for label in known], [0.05, 0.95])
+    drawn = unit.drawn(draws)
+    labels = _labels(replace(rod, sure=False), drawn.to_dict("records"))
+    known = np.array([bool(label and label.foldable is not None) for label in labels])
+    folds = np.array([bool(label and label.foldable) for label in labels])
+    angles = np.array(
+        [label.evidence["m1"] if ok else 0.0 for label, ok in zip(labels, known, strict=True)]
+    )
+    if not known.all():
+        rest = drawn[~known]
+        c = rest["contraction"].to_numpy()
+        angles[~known] = beam.formulas(rest)["net"].to_numpy() * np.pi * c
+        folds[~known] = angles[~known] > source.thresholds.angle(c)
+    low, high = np.quantile(angles, [0.05, 0.95])
     return {
-        "draws": len(known),
-        "folds": float(np.mean([label.foldable for label in known])),
+        "draws": draws,
+        "by_formula": int((~known).sum()),
+        "folds": float(folds.mean()),
         "angle_low": float(low),
         "angle_high": float(high),
         "ranges": {name: list(ends) for name, ends in unit.ranges.items()},
