@@ -91,7 +91,8 @@ def test_the_summary_tells_each_piece_of_evidence_by_its_own_name(run):
         "outcome", "contraction_reached", "events", "stable", "unstable_modes", "topples", "need",
         "error_estimate", "error_m1", "error_m2", "turning_hinge", "turning_ends", "strain",
         "stress", "interface", "peak_errors", "sensitivity", "alternatives", "rest_gap",
-        "penetration", "seconds", "core_seconds", "peak_memory_mb", "unknowns", "steps", "iterations", "fold_angle",
+        "penetration", "seconds", "core_seconds", "peak_memory_mb", "unknowns", "steps",
+        "iterations", "fold_angle",
     )  # fmt: skip
     evidence = {name: f"evidence of {name}" for name in (*same, *TAGS)}
     label = Label({"a": 1.0}, None, "so", evidence)
