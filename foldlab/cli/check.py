@@ -107,8 +107,8 @@ def check(
         raise InputError("--files needs the solver's answer; leave --quick out")
     unit = made.unit(numbers(given.read()))
     source = SolverSource(
-        Conditions(growth=growth), Effort(accuracy, timeout), thresholds=Thresholds(need=need),
-        space=space_for(unit.groups),
+        Conditions(growth=growth), Effort(accuracy, timeout, whole=True),
+        thresholds=Thresholds(need=need), space=space_for(unit.groups),
     )  # fmt: skip
     source.unit(unit.groups)
     with ExitStack() as stack:

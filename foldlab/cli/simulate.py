@@ -86,7 +86,7 @@ class Solving:
             self.effects, self.growth, not self.free, self.strips, barrier=self.barrier,
             friction=self.friction,
         )  # fmt: skip
-        effort = Effort(self.accuracy, self.timeout, sensitivity=self.sensitivity)
+        effort = Effort(self.accuracy, self.timeout, sensitivity=self.sensitivity, whole=True)
         thresholds = Thresholds(need=self.need)
         return SolverSource(
             conditions, effort, self.question, space=space, thresholds=thresholds,

@@ -142,14 +142,17 @@ class Effort:
     first label on a machine, is not counted. ``refine``: "always"; "near" a threshold only and
     where the coarsest path is in doubt, see :mod:`foldlab.labels.screening`; or "never". What is
     not refined states an error that was calibrated on other designs. ``sensitivity``: state how the
-    last state changes with every group, too, see :meth:`foldlab.labels.run.Run.sensitivity`. Raises
-    :class:`InputError` for other values.
+    last state changes with every group, too, see :meth:`foldlab.labels.run.Run.sensitivity`.
+    ``whole``: follow isotropic paths to the full contraction even where they have curled too far to
+    come back, see :func:`foldlab.labels.verdict.curled_away`. Raises :class:`InputError` for other
+    values.
     """
 
     accuracy: float = 0.02
     timeout: float = 60.0
     refine: Literal["always", "near", "never"] = "always"
     sensitivity: bool = False
+    whole: bool = False
 
     def __post_init__(self):
         for name in ("accuracy", "timeout"):

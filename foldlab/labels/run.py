@@ -30,6 +30,11 @@ class Run:
         return self.folding.ending is Ending.REACHED or self.closed
 
     @property
+    def stopped(self) -> bool:
+        """Whether it was ended where it was, for more of it would not change the verdict."""
+        return self.folding.ending is Ending.STOPPED
+
+    @property
     def timed_out(self) -> bool:
         """Whether the time allowed ended it."""
         return self.folding.ending is Ending.TIMEOUT

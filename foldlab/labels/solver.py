@@ -108,6 +108,7 @@ class SolverSource:
             parts += changed(record)
         parts += [f"{effort.refine}{screening.COARSE_ERROR:g}"] * (effort.refine != "always")
         parts += ["sensitivity"] * effort.sensitivity
+        parts += ["hasty"] * self._hasty
         return "-".join(parts)
 
     def label(self, design: Mapping[str, float]) -> Label:
@@ -284,10 +285,15 @@ class SolverSource:
         shapes: list[Shape] = []
         seen = lambda *shape: shapes.append(Shape(*shape))  # noqa: E731
 
-        def closed(state: State) -> bool:
+        def closed(row: Mapping[str, float]) -> bool:
+            return bool(self.thresholds.closed(row["m1"], row["m2"]))
+
+        def enough(state: State) -> bool:
             row = judging.row_of(state, unit)
             history.append(row)
-            return bool(self.thresholds.closed(row["m1"], row["m2"]))
+            hasty = self._hasty and state.e < 1
+            away = hasty and judging.curled_away(row, unit.contraction, self.thresholds)
+            return away or closed(row)
 
         c = self.conditions
         growth = "uniaxial" if self.question == "exists" else c.growth
@@ -301,17 +307,18 @@ class SolverSource:
             raise InputError(f"the design has no mesh: {_why(unit)}{error}") from error
         noise = None if self.seed is None else (1e-3, self.seed)
         steps = {"rtol": self.effort.plan.tolerance, "turn": self.effort.plan.turn}
-        folding = unit_path.fold(model, stop=closed, noise=noise, on_state=seen, **steps)
+        folding = unit_path.fold(model, stop=enough, noise=noise, on_state=seen, **steps)
         if self.question == "exists" and folding.ending is unit_path.Ending.REACHED:
             before = len(history)
             active, passive = self._changes(lambda e: 1.0)
             released = replace(physics, growth="release", active=active, passive=passive)
             model, start = unit_path.carried(folding.model, folding.x, 1.0, physics=released)
-            folding = unit_path.fold(model, start, stop=closed, noise=noise, on_state=seen, **steps)
+            folding = unit_path.fold(model, start, stop=enough, noise=noise, on_state=seen, **steps)
             for row in history[before:]:
                 row["release"] = row["contraction"] / unit.contraction
                 row["contraction"] = unit.contraction
-        return Run(folding, history, folding.ending is unit_path.Ending.STOPPED, shapes)
+        stopped = folding.ending is unit_path.Ending.STOPPED
+        return Run(folding, history, stopped and closed(history[-1]), shapes)
 
     def _enough(self, design: Mapping[str, float], run: Run) -> bool:
         """Whether the path on the coarsest mesh needs no second one."""
@@ -330,11 +337,20 @@ class SolverSource:
         asked = self.question == "from_flat" and self.seed is None
         return plain and asked and self.changing == Changing()
 
+    @property
+    def _returnless(self) -> bool:
+        """Whether labels are of the kind that curling for good was measured on."""
+        isotropic = self.conditions.growth == "isotropic"
+        return isotropic and self._measured and self.thresholds == Thresholds()
+
+    @property
+    def _hasty(self) -> bool:
+        """Whether a path ends where it has curled for good."""
+        return self._returnless and not self.effort.whole
+
     def _gone(self, design: Mapping[str, float], run: Run) -> bool:
         """Whether a path that has no end had curled for good."""
-        usual = self._measured and self.thresholds == Thresholds()
-        usual &= self.conditions.growth == "isotropic"
-        return usual and judging.beyond_return(run, design, self.thresholds)
+        return self._returnless and judging.beyond_return(run, design, self.thresholds)
 
     def _clear(self, groups: Mapping[str, float], run: Run) -> bool:
         """Whether a path on the coarsest mesh is enough to say that a design doesn't fold, or that

@@ -81,13 +81,18 @@ def calibrated(run: Run, design: Mapping[str, float], thresholds: Thresholds) ->
 
 
 def beyond_return(run: Run, design: Mapping[str, float], thresholds: Thresholds) -> bool:
-    """Whether a path that has not come to its end had curled too far to come back, whatever the
-    coarsest mesh is off; see :data:`RETURN`."""
+    """Whether a path that has not come to its end had curled too far to come back."""
     if run.settled or not run.history:
         return False
-    m, g = run.measures, design["contraction"]
-    off = screening.coarse_errors(m["m1"], g, thresholds, growth="isotropic")[1]
-    return bool(m["m2"] > RETURN * float(thresholds.most_across(g)) + off)
+    return curled_away(run.measures, design["contraction"], thresholds)
+
+
+def curled_away(measures: Mapping[str, float], contraction: float, thresholds: Thresholds) -> bool:
+    """Whether a state on the way to a contraction has curled too far to come back, whatever the
+    coarsest mesh is off; see :data:`RETURN`."""
+    m1, m2 = measures["m1"], measures["m2"]
+    off = screening.coarse_errors(m1, contraction, thresholds, growth="isotropic")[1]
+    return bool(m2 > RETURN * float(thresholds.most_across(contraction)) + off)
 
 
 def judge(
@@ -176,10 +181,11 @@ def judge(
     elif gone:
         foldable, evidence["outcome"] = False, "curled"
         allowed = float(thresholds.most_across(design["contraction"]))
+        end = "it was not followed beyond" if run.stopped else folding.detail
         reason = (
             f"the hinge curled about the other axis by {last['m2']:.3g} rad at "
             f"{100 * last['contraction']:.3g} % contraction, {last['m2'] / allowed:.1f} times what "
-            f"is allowed, and none of 47 measured paths came back from so far; {folding.detail}"
+            f"is allowed, and none of 47 measured paths came back from so far; {end}"
         )
     no_state = not run.history and not run.timed_out
     if folding.model.heavy and (no_state or evidence["outcome"] == "unverified"):

@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 
 from foldlab.labels import screening
-from foldlab.labels.asked import Changing, Conditions
+from foldlab.labels.asked import Changing, Conditions, Effort
 from foldlab.labels.foldability import Thresholds
 from foldlab.labels.solver import SolverSource
+from foldlab.labels.verdict import curled_away
 
 CURLS = {
     "E_ratio": 0.829, "rho_ratio": 3.03, "hinge_length": 0.197, "hinge_width": 0.651,
@@ -20,7 +21,8 @@ FOLDS = {
     "h_ratio": 2.42, "stiffness_to_weight": 0.34, "aspect": 0.0607, "slenderness": 0.0204,
     "contraction": 0.326,
 }  # fmt: skip
-SOURCE = SolverSource(conditions=Conditions(growth="isotropic"))
+HASTY = SolverSource(conditions=Conditions(growth="isotropic"))
+SOURCE = replace(HASTY, effort=Effort(whole=True))
 G = 0.1  # |g|π = 0.314
 
 
@@ -53,6 +55,39 @@ def test_a_unit_that_curls_far_too_much_does_not_fold_whatever_the_finer_mesh_sa
     assert label.evidence["error_m1"] == pytest.approx(along * max(abs(m1), need))
     assert label.evidence["error_m2"] == pytest.approx(across * need)
     assert abs(label.evidence["m2"] - sure.evidence["m2"]) < label.evidence["error_m2"]
+
+
+def test_a_path_ends_where_it_has_curled_for_good_unless_all_of_it_is_asked_for():
+    design = CURLS | {"hinge_width": 1.0}
+    whole, label = SOURCE.label(design), HASTY.label(design)
+    assert whole.evidence["contraction_reached"] == pytest.approx(CURLS["contraction"])
+    assert label.foldable is whole.foldable is False
+    assert label.evidence["outcome"] == whole.evidence["outcome"] == "curled"
+    assert label.evidence["contraction_reached"] < 0.95 * CURLS["contraction"]
+    assert label.evidence["steps"] < whole.evidence["steps"] and label.evidence["levels"] == 1
+    assert "it was not followed beyond" in label.reason
+    states = whole.evidence["history"][: label.evidence["steps"]]
+    assert label.evidence["history"] == states
+    # At the state before it had not.
+    g = CURLS["contraction"]
+    away = [curled_away({"m1": m1, "m2": m2}, g, Thresholds()) for _, m1, m2 in states]
+    assert away == [False] * (len(away) - 1) + [True]
+
+
+@pytest.mark.parametrize(
+    "changes, hasty",
+    [
+        ({}, True),
+        ({"effort": Effort(whole=True)}, False),
+        ({"conditions": Conditions()}, False),
+        ({"thresholds": Thresholds(across=0.4)}, False),
+        ({"changing": Changing(active_stiffness=1.01)}, False),
+    ],
+)
+def test_haste_is_for_labels_that_the_rule_was_measured_on_and_stands_in_the_version(
+    changes, hasty
+):
+    assert replace(HASTY, **changes).version.endswith("-hasty") is hasty
 
 
 @pytest.mark.parametrize(
