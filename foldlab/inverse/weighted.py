@@ -215,14 +215,16 @@ def weighted(
     model: Any = None,
     confirmed: bool = True,
     executor: Executor | None = None,
+    walkers: int = WALKERS,
     tell: Callable[[str], None] = lambda text: None,
 ) -> Answer:
     """``n`` diverse designs that do as wished under their weight, confirmed by ``source``.
 
     ``wish``: of the full space. ``source``: a :class:`foldlab.labels.solver.SolverSource`; without
     ``confirmed`` it isn't asked, and the rod's word stands. ``model``: a classifier of the full
-    space that screens beside the formulas. ``executor``: finishes several at a time. ``tell`` hears
-    what happens. Raises :class:`InputError` for limits that exclude each other.
+    space that screens beside the formulas. ``executor``: finishes several at a time. ``walkers``:
+    designs that are drawn. ``tell`` hears what happens. Raises :class:`InputError` for limits that
+    exclude each other.
     """
     from foldlab.inverse.size import largest
 
@@ -244,7 +246,9 @@ def weighted(
         return time.process_time() - begun + away
 
     regions = regions_of(wish)
-    found = drafts(wish, regions, 3 * n if confirmed else n, seed=seed, model=model)
+    found = drafts(
+        wish, regions, 3 * n if confirmed else n, seed=seed, model=model, walkers=walkers
+    )
     some = list(found.drafts)
     if some:
         tell(forecast(some, n, source, confirmed))
