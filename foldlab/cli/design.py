@@ -11,7 +11,7 @@ import typer
 
 from foldlab.cli.files import Files
 from foldlab.cli.outputs import new_folder
-from foldlab.cli.proposed import SHOWN_AS, made_of, make_each, need_sizes, told
+from foldlab.cli.proposed import SHOWN_AS, as_asked, made_of, make_each, need_sizes, told
 from foldlab.design import space_named
 from foldlab.errors import InputError
 from foldlab.quantities import in_si, numbers
@@ -188,7 +188,7 @@ def design(
     chosen = space_named(space or "full")
     wish = Wish(chosen, want=want, fixed=fixed, **limits.read())
     settings = {"timeout": judges.timeout} if named == "solver" else {}
-    source = make_source(named, settings, space=chosen)
+    source = as_asked(wish, make_source(named, settings, space=chosen))
     model = None if judges.model is None else judges.trained("full")
     _heavy(n, wish, source, model, judges.confirm is not False, workers, files, seed, as_json)
 

@@ -57,7 +57,7 @@ def make_each(folder: Path, answer: Answer) -> list[dict[str, Any]]:
     from foldlab.unit.check import by_rod
     from foldlab.unit.record import draw, write_path
 
-    source, out = SolverSource(), []
+    source, out = as_asked(answer.wish, SolverSource()), []
     for number, proposal in enumerate(answer.proposals, start=1):
         unit = unit_of(answer.wish, proposal)
         run, label = source.follow(unit.groups)
@@ -76,6 +76,16 @@ def make_each(folder: Path, answer: Answer) -> list[dict[str, Any]]:
         kept = ("foldable", "fold_angle", "reason", "topples", "core_seconds")
         out.append({"folder": str(number), **{k: said[k] for k in kept}, **made})
     return out
+
+
+def as_asked(wish: Wish, source):
+    """The source, for which folding means a wished angle within its tolerance."""
+    from foldlab.labels.foldability import Thresholds
+
+    if isinstance(wish.want, str):
+        return source
+    need = max(wish.want.value - wish.want.tolerance, 1e-3)
+    return replace(source, thresholds=Thresholds(need=need))
 
 
 def unit_of(wish: Wish, proposal) -> Sized:

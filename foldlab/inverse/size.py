@@ -40,11 +40,15 @@ def largest(
     if size is None or wish.want == "flat":
         return None, f"no design within the limits {what}"
 
+    least = size
+
     def at(length: float) -> list[Draft]:
+        nonlocal least
         try:
             some = regions_of(_between(wish, length, length))
         except InputError:
             return []
+        least = min(least, length)
         return drafts(some[0][1].wish, some, 4, seed=seed, walkers=WALKERS).drafts
 
     tell(f"nothing {what} at l_s = {1e3 * size:.4g} mm by the rod; smaller units are tried …")
@@ -53,8 +57,8 @@ def largest(
         good /= 2
     if not first:
         return None, (
-            f"no design within the limits {what}, at l_s = {1e3 * size:.4g} mm or at any smaller "
-            f"size down to {1e3 * SMALLEST:g} mm; relax another limit"
+            f"no design within the limits {what} at l_s = {1e3 * size:.4g} mm, nor at smaller "
+            f"sizes as far as other limits allow them ({1e3 * least:.3g} mm); relax another limit"
         )
     best = _raised(wish, first, good, size, np.random.default_rng(seed))
     proposal, by, draft = None, "the rod", best[0]

@@ -39,6 +39,7 @@ PROBE = 0.05  # times the margin: a small box that tells sensitive designs from 
 TRIED = 60  # designs whose margin is found
 # What is changed to reach an angle, in this order: the first that the wish leaves free.
 DRIVERS = ("contraction", "hinge_length", "h_ratio", "slenderness", "E_ratio", "l_s")
+HANDY = (5e-3, 0.5)  # m, l_s where a wish leaves it open
 OF_MATERIAL = {
     "E_s": ("passive", "E", {"E_s", "stiffness_to_weight"}),
     "rho_s": ("passive", "rho", {"rho_s"}),
@@ -67,6 +68,20 @@ def regions_of(wish: Wish) -> list[tuple[tuple[str | None, str | None], Region]]
     if not out:
         raise InputError("; ".join(dict.fromkeys(failures)))
     return out
+
+
+def _handy(wish: Wish) -> tuple[Wish, list[tuple[tuple[str | None, str | None], Region]]]:
+    """The wish and its regions; where it says no l_s, with one that a hand can take, if it may."""
+    if not all(scales_of(wish).values()) or "l_s" in {*wish.fixed, *wish.ranges}:
+        return wish, regions_of(wish)
+    low, high = HANDY
+    if wish.max_length is not None:
+        low, high = wish.max_length / 4, wish.max_length
+    handy = replace(wish, ranges={**wish.ranges, "l_s": (low, high)})
+    try:
+        return handy, regions_of(handy)
+    except InputError:
+        return wish, regions_of(wish)
 
 
 def _middle(wish: Wish, pair, table) -> Wish:
@@ -245,7 +260,7 @@ def weighted(
         away = sum(p.core_seconds for p in (*done, *failed)) if executor else 0.0
         return time.process_time() - begun + away
 
-    regions = regions_of(wish)
+    wish, regions = _handy(wish)
     found = drafts(
         wish, regions, 3 * n if confirmed else n, seed=seed, model=model, walkers=walkers
     )

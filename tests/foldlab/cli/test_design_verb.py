@@ -42,6 +42,7 @@ def test_an_angle_of_a_sheet_of_known_size_is_confirmed_under_its_weight(foldlab
     (made,) = answer["proposals"]
     assert made["confirmed"] is True and made["confirmed_by"] == "solver"
     assert abs(made["fold_angle"] - np.pi / 2) <= 0.05
+    assert "more than the 1.52 rad that count as folded" in made["reason"]
     assert (made["physical"]["l_s"], made["physical"]["b_s"]) == (0.04, 0.01)
     groups = to_groups(pd.DataFrame([made["physical"]])).iloc[0]
     again = SolverSource().label(groups.to_dict()).evidence["m1"]

@@ -159,6 +159,22 @@ def test_the_solver_confirms_an_angle_of_heavy_sheets():
     assert "1 of 1 confirmed" in heard[-1] and "core-seconds" in heard[0]
 
 
+@pytest.mark.parametrize(
+    ("limits", "low", "high"),
+    [
+        ({"max_length": 0.06}, 0.015, 0.06),
+        ({"max_mass": 2e-4}, 0.005, 0.5),
+        ({"fixed": {"h_s": 1e-6}}, 1e-5, 1e-3),  # by the bounds of h_s/l_s
+    ],
+)
+def test_a_size_that_nobody_gave_is_one_that_a_hand_can_take(limits, low, high):
+    wish = Wish(SPACE, want=RIGHT, **PAIR, **limits)
+    answer = weighted(wish, 2, seed=0, source=Biased(), walkers=256)
+    assert len(answer.proposals) == 2
+    for proposal in answer.proposals:
+        assert low * (1 - 1e-9) <= proposal.physical["l_s"] <= high * (1 + 1e-9)
+
+
 def test_several_workers_give_the_same_answer():
     wish = AIMED
     alone = weighted(wish, 2, seed=3, source=Biased())
