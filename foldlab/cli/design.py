@@ -81,6 +81,12 @@ class Limits:
         float | None, typer.Option(help="Half-width of the box, fraction of the bounds.")
     ] = None
 
+    stands: Annotated[bool, typer.Option("--stands", help="Let go, it must not topple.")] = False
+    strain_margin: Annotated[
+        float | None,
+        _option("strain-margin", "1", "Strain to spare of what the materials bear, such as 20%."),
+    ] = None
+
     def read(self) -> dict[str, Any]:
         """As a :class:`foldlab.inverse.wish.Wish` takes them."""
         return asdict(self) | {
@@ -251,6 +257,11 @@ def _light(n, wish: Wish, space: str, judges: Judges, files, seed, as_json) -> N
     from foldlab.inverse.confirm import confirm
     from foldlab.labels.solver import make_source
 
+    if wish.stands or wish.strain_margin is not None:
+        raise InputError(
+            "--stands and --strain-margin are told by the solver of units whose weight is known; "
+            "give materials and a size, and no --weightless"
+        )
     chosen = space_named(space)
     wish = replace(wish, space=chosen)
     named = judges.source or "timoshenko"

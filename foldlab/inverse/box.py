@@ -71,12 +71,12 @@ class Box:
 
     def rooms(self, designs: pd.DataFrame) -> np.ndarray:
         """rad to spare by the rod, corrected, beyond the guard, shape (n,)."""
-        angle = self.rungs.rod(designs)["angle"] + self.correction
-        contraction = designs["contraction"].to_numpy()
-        want = self.wish.want
-        need = want.tolerance if isinstance(want, Angle) else np.pi * contraction
-        guard = GUARD * need if isinstance(want, Angle) else 0.2 * GUARD * need
-        return self.rungs.room(angle, contraction) - guard
+        want, contraction = self.wish.want, designs["contraction"].to_numpy()
+        if isinstance(want, Angle):
+            guard = GUARD * want.tolerance
+        else:
+            guard = 0.2 * GUARD * np.pi * contraction
+        return self.rungs.rooms(designs, self.correction) - guard
 
     def scale(self) -> float:
         """The largest at which every corner does as wished by the rod, at most :data:`LARGEST`."""

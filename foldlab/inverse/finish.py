@@ -15,7 +15,7 @@ import pandas as pd
 
 from foldlab.inverse.answer import Proposal
 from foldlab.inverse.box import Box
-from foldlab.inverse.draft import Draft, Work
+from foldlab.inverse.draft import Draft, Work, bearable
 from foldlab.inverse.points import MASS_COLUMNS, groups_of
 from foldlab.inverse.rungs import Rungs
 from foldlab.inverse.wish import Angle, mass_of
@@ -31,7 +31,7 @@ ANSWERS = 1.5 + CORNERS  # of the solver for a proposal, on average
 
 def by_rod(work: Work) -> Proposal:
     """A draft as a proposal, with the box of the rod's word."""
-    rungs = Rungs(work.wish, meet=True)
+    rungs = Rungs(work.wish, meet=True, rocking=True)
     turned = float(rungs.rod(pd.DataFrame([work.draft.groups]))["angle"].iloc[0])
     proposal = _proposal(work, work.draft, None, turned)
     box = Box(work.draft, rungs)
@@ -41,7 +41,7 @@ def by_rod(work: Work) -> Proposal:
 
 def finish(work: Work) -> Proposal:
     """A draft corrected and confirmed by the solver, with its box; unconfirmed where it fails."""
-    rungs, draft = Rungs(work.wish, meet=True), work.draft
+    rungs, draft = Rungs(work.wish, meet=True, rocking=True), work.draft
     draft, label, spent = _corrected(work, draft, rungs)
     angle = label.evidence.get("m1")
     proposal = _proposal(work, draft, label, angle)
@@ -78,12 +78,30 @@ def finish(work: Work) -> Proposal:
 def as_wished(work: Work, label: Label) -> bool | None:
     """Whether the solver says of a design what was wished; an angle counts where it is stable."""
     want = work.wish.want
+    if label.foldable is not None and not _borne(work, label):
+        return False
     if not isinstance(want, Angle):
         return None if label.foldable is None else label.foldable == (want == "foldable")
     angle = label.evidence.get("m1")
     if angle is None or label.evidence.get("stable") is None:
         return None
     return bool(label.evidence["stable"] and abs(angle - want.value) <= want.tolerance)
+
+
+def _borne(work: Work, label: Label) -> bool:
+    """Whether a design stands and bears its strains, as far as the wish asks for it."""
+    wish, evidence = work.wish, label.evidence
+    if wish.stands and evidence.get("topples") is not False:
+        return False
+    if wish.strain_margin is None:
+        return True
+    peaks = evidence.get("strain") or {}
+    errors = (evidence.get("peak_errors") or {}).get("strain") or {}
+    most = {k: v * (1 - wish.strain_margin) for k, v in bearable(wish, work.draft.pair).items()}
+    return all(
+        layer in peaks and peaks[layer] * (1 + errors.get(layer, 0.3)) <= strain
+        for layer, strain in most.items()
+    )
 
 
 def _corrected(work: Work, draft: Draft, rungs: Rungs) -> tuple[Draft, Label, list[float]]:

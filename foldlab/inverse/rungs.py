@@ -31,11 +31,14 @@ LOST = -10.0
 
 @dataclass(frozen=True)
 class Rungs:
-    """``model``: a classifier of the full space, or None; ``meet``: whether panels may meet."""
+    """``model``: a classifier of the full space, or None; ``meet``: whether panels may meet;
+    ``rocking``: whether designs that topple by the rod are left to the solver, which says otherwise
+    of 7 % of the units that fold."""
 
     wish: Wish
     model: Any = None
     meet: bool = False
+    rocking: bool = False
 
     def room(self, angle, contraction) -> np.ndarray:
         """rad to spare of fold angles; ≥ 0 is as wished; NaN is lost."""
@@ -64,23 +67,36 @@ class Rungs:
         return room if self.meet or want == "flat" else np.minimum(room, MEET - angle)
 
     def rod(self, designs: pd.DataFrame) -> pd.DataFrame:
-        """The rod's ``angle`` and its ``error``, rad; NaN where it finds no stable state."""
-        rows = [turned(design) for design in designs[FULL.names].to_dict("records")]
-        return pd.DataFrame(rows, columns=["angle", "error"], dtype=float)
+        """The rod's ``angle`` and its ``error``, rad, and whether it ``topples``; NaN where it
+        finds no stable state."""
+        rows = [answered(design) for design in designs[FULL.names].to_dict("records")]
+        return pd.DataFrame(rows, columns=["angle", "error", "topples"], dtype=float)
 
     def second(self, designs: pd.DataFrame, slack: float = 0.0) -> np.ndarray:
         """Worth by the rod, shape (n,), rad; ``slack`` widens an angle's tolerance."""
-        return self.room(self.rod(designs)["angle"], designs["contraction"].to_numpy()) + slack
+        return self.rooms(designs) + slack
+
+    def rooms(self, designs: pd.DataFrame, correction: float = 0.0) -> np.ndarray:
+        """rad to spare by the rod, whose angles are off by ``correction``; shape (n,)."""
+        rod = self.rod(designs)
+        room = self.room(rod["angle"] + correction, designs["contraction"].to_numpy())
+        asked = self.wish.stands and not self.rocking
+        return np.where((rod["topples"].to_numpy() != 0) & asked, np.minimum(room, LOST), room)
 
 
 def turned(design: Mapping[str, float]) -> tuple[float, float]:
     """The rod's angle of one design and its error, rad; NaN where it finds no stable state."""
+    return answered(design)[:2]
+
+
+def answered(design: Mapping[str, float]) -> tuple[float, float, float]:
+    """As :func:`turned`, and 1 where it topples, else 0."""
     try:
         label = RodSource(sure=False).label(design)
     except InputError:  # no rod is known for such layers
-        return np.nan, np.nan
+        return np.nan, np.nan, np.nan
     if label.foldable is None:
-        return np.nan, np.nan
+        return np.nan, np.nan, np.nan
     angle = label.evidence["m1"]
     scale = max(abs(angle), np.pi * design["contraction"])
-    return angle, label.evidence["error_estimate"] * scale
+    return angle, label.evidence["error_estimate"] * scale, float(label.evidence["topples"])

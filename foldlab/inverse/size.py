@@ -21,6 +21,7 @@ SMALLEST = 1e-3  # m: below, nobody cuts a sheet
 WALKERS = 1024
 # Of the climb to larger sizes by the rod.
 CLIMBERS, ROUNDS = 32, 20
+CLOSE = 1.1  # factor by which the least size that other limits allow is known
 ATTEMPTS = 8  # designs that the solver may reject before smaller ones are no use
 
 
@@ -40,21 +41,25 @@ def largest(
     if size is None or wish.want == "flat":
         return None, f"no design within the limits {what}"
 
-    least = size
+    least = size  # so far, of those that other limits allow
 
-    def at(length: float) -> list[Draft]:
-        nonlocal least
+    def at(length: float) -> list[Draft] | None:
         try:
             some = regions_of(_between(wish, length, length))
         except InputError:
-            return []
-        least = min(least, length)
+            return None
         return drafts(some[0][1].wish, some, 4, seed=seed, walkers=WALKERS).drafts
 
     tell(f"nothing {what} at l_s = {1e3 * size:.4g} mm by the rod; smaller units are tried …")
     good, first = size / 2, []
-    while good >= SMALLEST and not (first := at(good)):
-        good /= 2
+    while good >= SMALLEST and not first:
+        first = at(good)
+        if first is None:  # other limits end above
+            if least / good < CLOSE:
+                break
+            good = (good * least) ** 0.5
+        elif not first:
+            least, good = good, good / 2
     if not first:
         return None, (
             f"no design within the limits {what} at l_s = {1e3 * size:.4g} mm, nor at smaller "
@@ -63,13 +68,14 @@ def largest(
     best = _raised(wish, first, good, size, np.random.default_rng(seed))
     proposal, by, draft = None, "the rod", best[0]
     for draft in best[:ATTEMPTS] if source is not None else ():
-        proposal, by = finish(Work(draft.region.wish, draft, source, box=False)), "the solver"
+        by = f"the {source.name}"
+        proposal = finish(Work(draft.region.wish, draft, source, box=False))
         if proposal.confirmed:
             break
     if proposal is not None and not proposal.confirmed:
         return None, (
             f"no design within the limits {what}, and what does by the rod at "
-            f"l_s = {1e3 * length_of(best[0]):.3g} mm the solver did not confirm"
+            f"l_s = {1e3 * length_of(best[0]):.3g} mm {by} did not confirm"
         )
     good = length_of(draft)
     told = {
@@ -120,7 +126,7 @@ def _raised(wish: Wish, first: list[Draft], good: float, size: float, rng) -> li
 
     wide = _between(wish, good / 2, size)
     meet = Rungs(wide).second(pd.DataFrame([draft.groups for draft in first])).max() < 0
-    rungs = Rungs(wide, meet=meet)
+    rungs = Rungs(wide, meet=meet, rocking=True)
     regions = {pair: region for pair, region in regions_of(wide)}
     pair = first[0].pair
     region = regions[pair]

@@ -12,6 +12,7 @@ import time
 from collections.abc import Callable
 from concurrent.futures import Executor
 from dataclasses import dataclass, replace
+from itertools import product
 from typing import Any
 
 import numpy as np
@@ -22,12 +23,12 @@ from foldlab.design import FULL
 from foldlab.errors import InputError
 from foldlab.inverse.answer import Answer, Proposal
 from foldlab.inverse.box import Box
-from foldlab.inverse.draft import Draft, Work
+from foldlab.inverse.draft import Draft, Work, bearable
 from foldlab.inverse.finish import ANSWERS, by_rod, finish
 from foldlab.inverse.points import columns_of, groups_of, named, spread
 from foldlab.inverse.propose import climb
 from foldlab.inverse.region import Region
-from foldlab.inverse.rungs import NEAR, SPACE, Rungs, turned
+from foldlab.inverse.rungs import NEAR, SPACE, Rungs, answered, turned
 from foldlab.inverse.wish import Angle, Wish, limits_of, scales_of
 from foldlab.materials import read_materials
 
@@ -36,6 +37,7 @@ RODS = 512
 # Walkers and rounds of a climb by the rod, where the formulas see no design that does.
 CLIMBERS, ROUNDS = 64, 8
 PROBE = 0.05  # times the margin: a small box that tells sensitive designs from others
+TRIES = 3  # designs that the solver is asked of at most, for each that is wished for
 TRIED = 60  # designs whose margin is found
 # What is changed to reach an angle, in this order: the first that the wish leaves free.
 DRIVERS = ("contraction", "hinge_length", "h_ratio", "slenderness", "E_ratio", "l_s")
@@ -113,8 +115,10 @@ def drafts(
 ) -> Found:
     """At most ``n`` diverse designs that do as wished by the rod, with the wished margin."""
     found = Found([], -np.inf)
-    for meet in (False, True):
-        rungs, rng = Rungs(wish, model, meet), np.random.default_rng(seed)
+    for meet, rocking in product((False, True), (False, True)):
+        if rocking and not wish.stands:
+            continue
+        rungs, rng = Rungs(wish, model, meet, rocking), np.random.default_rng(seed)
         tries = [_search(rungs, region, pair, n, rng, walkers) for pair, region in regions]
         every = [entry for some, _ in tries for entry in some]
         found = replace(found, room=max(found.room, *(room for _, room in tries)))
@@ -124,7 +128,7 @@ def drafts(
                 margins = [Box(d, rungs).margin(Box(d, rungs).scale()) for d, _ in every[:16]]
                 found = replace(found, margin=max([found.margin or 0.0, *margins]))
             every = good
-        if every or wish.want != "foldable":
+        if every or (wish.want != "foldable" and rocking == wish.stands):
             break
     if not every:
         return found
@@ -207,8 +211,11 @@ def driven(draft: Draft, rungs: Rungs) -> Draft | None:
             if not np.isfinite(values[k : k + 2]).all():
                 continue
             t = _root(off, grid[k], grid[k + 1])
-            if t is not None:
-                return replace(draft, x=draft.x + t * direction, driver=name)
+            if t is None:
+                continue
+            there = replace(draft, x=draft.x + t * direction, driver=name)
+            if not (rungs.wish.stands and not rungs.rocking and answered(there.groups)[2]):
+                return there
     return None
 
 
@@ -261,9 +268,11 @@ def weighted(
         return time.process_time() - begun + away
 
     wish, regions = _handy(wish)
-    found = drafts(
-        wish, regions, 3 * n if confirmed else n, seed=seed, model=model, walkers=walkers
-    )
+    strict = wish.strain_margin is not None
+    for pair, _ in regions if strict else ():
+        bearable(wish, pair)
+    most = n * (2 * TRIES if strict else TRIES) if confirmed else n
+    found = drafts(wish, regions, most, seed=seed, model=model, walkers=walkers)
     some = list(found.drafts)
     if some:
         tell(forecast(some, n, source, confirmed))
@@ -288,8 +297,10 @@ def weighted(
     if len(done) == n:
         return answer
     if done:
-        reason = f"only {len(done)} distinct designs within the limits; widen a range"
-        return replace(answer, reason=reason)
+        reason = f"only {len(done)} distinct designs within the limits"
+        if failed:
+            reason += f", and {len(failed)} more that the {source.name} did not confirm"
+        return replace(answer, reason=f"{reason}; widen a range")
     if found.margin is not None or failed:
         return replace(answer, reason=_why(wish, found, failed))
     size, reason = largest(wish, seed=seed, source=source if confirmed else None, tell=tell)
@@ -320,6 +331,13 @@ def _why(wish: Wish, found: Found, failed: list[Proposal]) -> str:
     if failed:
         label = failed[0].label
         said = label.reason if label is not None else "nothing"
+        told = []
+        if wish.strain_margin is not None:
+            told.append("are strained by more than their materials surely bear with that margin")
+        if wish.stands:
+            told.append("topple")
+        if told and label is not None and label.foldable is not None:
+            said = f"some {' or '.join(told)}"
         return f"none of {len(failed)} designs that the rod proposed was confirmed: {said}"
     return (
         f"the behaviour is predicted, but no design was found with a margin of {wish.margin:g}; "

@@ -76,7 +76,8 @@ class Wish:
     ``margin``: half-width, as a fraction of each group's bounds on its own scale (max norm in the
     unit cube), of the box around a design in which it must still do what is wanted, by prediction;
     0.02 by default, which is 0.12 decades of E_i/E_s, and 0 for an angle. ``min_probability`` that
-    the predicted label is the wanted one.
+    the predicted label is the wanted one. Under weight, ``stands``: let go, it doesn't topple;
+    ``strain_margin``: fraction by which its peak strains stay below what its materials surely bear.
 
     Raises :class:`InputError` for unknown names, values out of bounds, quantities limited twice.
     """
@@ -94,6 +95,8 @@ class Wish:
     max_thickness: float | None = None
     margin: float | None = None
     min_probability: float = 0.5
+    stands: bool = False
+    strain_margin: float | None = None
 
     def __post_init__(self):
         if counts := [p.name for p in self.space if p.whole]:
@@ -134,6 +137,10 @@ class Wish:
         if not 0 <= self.margin < 0.5:
             raise InputError(
                 f"margin = {self.margin:g}; expected a fraction of the bounds, 0 … below 0.5"
+            )
+        if self.strain_margin is not None and not 0 <= self.strain_margin < 1:
+            raise InputError(
+                f"strain_margin = {self.strain_margin:g}; expected a fraction from 0 to below 1"
             )
         if not 0.5 <= self.min_probability < 1:
             raise InputError(f"min_probability = {self.min_probability:g}; expected 0.5 … below 1")

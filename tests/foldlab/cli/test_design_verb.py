@@ -106,6 +106,7 @@ def test_a_size_that_is_too_large_is_answered_with_one_that_is_not(foldlab, quic
         (f"{SHEET} --model m", "trained on the reduced space and can't feel weight"),
         (f"{SHEET} --model m --want angle=1", "--model m says no angle"),
         (f"{SHEET} --weightless --space full --source solver", "gives one at a time; give a --mo"),
+        ("design --stands", "give materials and a size, and no --weightless"),
         (f"{SHEET} --max-mass 5mm", "--max-mass = '5mm': expected a quantity in kg, such as 5g"),
         (f"{SHEET} --want angle=90furlongs", "expected an angle"),
         (f"{SHEET} --want flat=1", "expected foldable, flat or angle=90deg"),

@@ -14,7 +14,7 @@ from foldlab.inverse import weighted as weighted_module
 from foldlab.inverse.box import Box
 from foldlab.inverse.draft import Work
 from foldlab.inverse.finish import finish
-from foldlab.inverse.rungs import SPACE, Rungs, turned
+from foldlab.inverse.rungs import SPACE, Rungs, answered, turned
 from foldlab.inverse.weighted import drafts, regions_of, weighted
 from foldlab.inverse.wish import Angle, Wish, scales_of
 from foldlab.labels.label import Label
@@ -36,6 +36,8 @@ class Biased:
     more: float = 0.03
     thinnest: float = 0.0
     stable: bool = True
+    topples: bool = False
+    strain: float = 0.0  # of the passive layer, whose limit is 0.02
 
     name = "biased"
 
@@ -44,6 +46,7 @@ class Biased:
         if design["slenderness"] < self.thinnest:
             angle += 1.0
         evidence = {"m1": angle, "stable": self.stable, "core_seconds": 0.5}
+        evidence |= {"topples": self.topples, "strain": {"passive": self.strain, "active": 0.1}}
         return Label(design, bool(angle > np.pi * design["contraction"]), "", evidence)
 
 
@@ -173,6 +176,39 @@ def test_a_size_that_nobody_gave_is_one_that_a_hand_can_take(limits, low, high):
     assert len(answer.proposals) == 2
     for proposal in answer.proposals:
         assert low * (1 - 1e-9) <= proposal.physical["l_s"] <= high * (1 + 1e-9)
+
+
+def test_units_that_stand_are_wished_for():
+    wish = replace(SHEET, stands=True, margin=0.0)
+    some = first(wish, n=6)
+    assert some
+    for draft in some:
+        assert answered(draft.groups)[2] == 0
+    # Without the wish, the same search finds some that topple.
+    assert any(answered(draft.groups)[2] for draft in first(replace(wish, stands=False), n=6))
+    assert finish(Work(wish, some[0], Biased(1.0, 0.0))).confirmed is True
+    assert finish(Work(wish, some[0], Biased(1.0, 0.0, topples=True))).confirmed is False
+    # Where all topple by the rod, the solver has the last word.
+    heavy = Wish(
+        SPACE, want=RIGHT, passive=("silicone",), active=("hydrogel",), fixed={"l_s": 0.1},
+        stands=True,
+    )  # fmt: skip
+    (draft,) = first(heavy)
+    proposal = finish(Work(heavy, draft, Biased(1.0, 0.0)))
+    assert answered(draft.groups)[2] == 1 and proposal.confirmed and proposal.margin > 0
+
+
+def test_strains_stay_below_what_the_materials_bear_by_the_margin(right_angle):
+    wish, draft = right_angle
+    strict = replace(wish, strain_margin=0.5)
+    # 30 % for the error that is not stated: 0.007 is below half of 0.02, and 0.008 above.
+    assert finish(Work(strict, draft, Biased(1.0, 0.0, strain=0.007))).confirmed is True
+    assert finish(Work(strict, draft, Biased(1.0, 0.0, strain=0.008))).confirmed is False
+    assert finish(Work(wish, draft, Biased(1.0, 0.0, strain=0.008))).confirmed is True
+    with pytest.raises(InputError, match="asks for the strain that the active layer, which has no"):
+        weighted(replace(strict, active=()), 1, seed=0, source=Biased(), walkers=64)
+    with pytest.raises(InputError, match="strain_margin = 2; expected a fraction"):
+        replace(strict, strain_margin=2.0)
 
 
 def test_several_workers_give_the_same_answer():
