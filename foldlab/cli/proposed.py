@@ -8,6 +8,8 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
 from foldlab.cli.check import afterwards, beforehand, readable
 from foldlab.cli.files import make
 from foldlab.design import FULL
@@ -178,7 +180,7 @@ def told(answer: Answer, result: Mapping[str, Any]) -> tuple[list[dict], dict[st
 
 
 def _box(p: Proposal) -> str:
-    from foldlab.cli.check import SHOWN, _number
+    from foldlab.cli.check import SHOWN
     from foldlab.design import PHYSICAL
 
     parts = []
@@ -187,6 +189,16 @@ def _box(p: Proposal) -> str:
         unit, factor = ("%", 100.0) if name == "contraction" else SHOWN[PHYSICAL.get(name, "1")]
         off = [f"{100 * abs(end / at - 1):.2g}" for end in (low, high)]
         told = f"±{off[0]}" if off[0] == off[1] else f"−{off[0]} +{off[1]}"
-        ends = f"{name} {_number(low * factor)} to {_number(high * factor)} {unit}".rstrip()
+        ends = f"{name} {' to '.join(_apart(low * factor, high * factor))} {unit}".rstrip()
         parts.append(f"{ends} ({told} %)")
     return ", ".join(parts) or "nothing else"
+
+
+def _apart(low: float, high: float) -> tuple[str, str]:
+    """Both with three digits, or with as many as tell them apart by more than the last one."""
+    for digits in range(3, 8):
+        told = tuple(f"{float(f'{value:.{digits}g}'):.10g}" for value in (low, high))
+        step = 10.0 ** (np.floor(np.log10(abs(high))) + 1 - digits)
+        if high - low >= 2 * step or low == high:
+            break
+    return told

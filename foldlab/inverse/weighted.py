@@ -289,7 +289,7 @@ def weighted(
                 f"{len(failed)} not as wished, {spent():.3g} core-seconds"
             )
     answer = Answer(
-        wish, n, tuple(done), f"{n} designs found", time.perf_counter() - start,
+        wish, n, tuple(done), f"{n} design{'s' * (n > 1)} found", time.perf_counter() - start,
         source.name if confirmed else "", weightless=False,
         core_seconds=spent(),
         rejected=len(failed),

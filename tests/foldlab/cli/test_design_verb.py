@@ -7,6 +7,7 @@ import pandas as pd
 import pytest
 
 from foldlab.cli.design import Aim, Limits
+from foldlab.cli.proposed import _apart
 from foldlab.design import REDUCED, to_groups
 from foldlab.errors import InputError
 from foldlab.inverse import size, weighted
@@ -125,6 +126,19 @@ def test_what_cannot_be_felt_or_read_is_refused_in_one_sentence(
     status, out, err = foldlab(line)
     assert (status, out) == (2, "") and words in err, err
     assert err.count("error: ") == 1 and "Traceback" not in err
+
+
+@pytest.mark.parametrize(
+    ("low", "high", "told"),
+    [
+        (16.478, 16.549, ("16.48", "16.55")),
+        (0.0851, 0.0967, ("0.0851", "0.0967")),
+        (99.98, 100.02, ("99.98", "100.02")),
+        (5.0, 5.0, ("5", "5")),
+    ],
+)
+def test_ends_of_a_box_have_as_many_digits_as_tell_them_apart(low, high, told):
+    assert _apart(low, high) == told
 
 
 def test_limits_and_angles_come_with_units_or_in_si():
