@@ -12,6 +12,9 @@ from pathlib import Path
 import pytest
 
 from foldlab.cli import app as cli
+from foldlab.design import FULL
+from foldlab.materials import read_materials
+from foldlab.unit.sized import sized
 
 README = (Path(__file__).parent.parent / "README.md").read_text(encoding="utf-8")
 # What makes a command or block quicker, and leaves it the same otherwise.
@@ -86,3 +89,20 @@ def test_inline_commands_name_experiments_and_verbs_that_there_are():
     known = {command.name for command in cli.app.registered_commands}
     named = set(re.findall(r"`foldlab (\w+)", README))
     assert named and named <= known
+
+
+def test_the_table_of_groups_is_that_of_the_design_space():
+    rows = [line.split(" | ") for line in README.splitlines() if re.match(r"\| `\w+` \| ", line)]
+    told = {row[0].strip("| `"): row[1:] for row in rows}
+    made = sized(
+        {
+            "l_s": 0.04, "b_s": 0.01, "h_s": 1e-4, "h_i": 2e-4, "l_i": 0.01, "contraction": 0.2,
+        },
+        read_materials(), "PET", "SMP",
+    )  # fmt: skip
+    for group in FULL:
+        symbol, meaning, bounds, example = told[group.name]
+        assert symbol.replace("\\", "") == group.symbol and meaning == group.meaning
+        assert bounds == f"{group.low:g} to {group.high:g}"
+        value = float(example.strip(" |").rsplit("= ", 1)[-1])
+        assert value == pytest.approx(made.groups[group.name], rel=0.02), group.name
