@@ -144,3 +144,20 @@ def test_its_card_counts_what_it_holds(pieces):
     assert "parts: test 1, train 2, validation 1" in text
     assert "- commit: def, abc" in text and "Licence: MIT" in text and "version 11" in text
     assert "pieces" not in text
+
+
+def test_the_growing_dataset_is_one_version_split_once():
+    table = load_dataset("gravity")
+    assert len(set(table["version"].str.split("-").str[0])) == 1
+    FULL.validate(table)
+    assert not table.duplicated([*FULL.names, "strips", "growth"]).any()
+    cube = table["drawn"] == "hypercube"
+    assert set(table["part"][~cube]) == {"train"}
+    assert set(table["part"][cube]) == {"train", "validation", "test"}
+    # As many of each kind as a card can be held to.
+    uniaxial = table[table["growth"] == "uniaxial"]
+    assert uniaxial["foldable"].isna().mean() < 0.02
+    made = table.attrs["foldlab"]
+    assert made["labels"] == len(table) and "gravity_dataset" in made["command"]
+    for path in (FOLDER / "gravity").glob("*.parquet"):
+        assert path.stat().st_size < 5e6
