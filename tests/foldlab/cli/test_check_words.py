@@ -96,13 +96,16 @@ def test_how_far_it_stays_so_is_told_on_either_side():
 
 def test_what_the_materials_leave_open_is_told_with_their_ranges():
     over = {
-        "draws": 200, "folds": 0.25, "angle_low": RIGHT_ANGLE / 3, "angle_high": RIGHT_ANGLE,
+        "draws": 200, "by_formula": 0, "folds": 0.25, "angle_low": RIGHT_ANGLE / 3,
+        "angle_high": RIGHT_ANGLE,
         "ranges": {"E_i": [5e5, 3e7]},
     }  # fmt: skip
     told = readable(over_materials=over)["over the materials"]
     assert told == (
         "25 % of 200 units fold by the rod, 90 % of all turn by 30° to 90° (E_i 0.5 MPa to 30 MPa)"
     )
+    some = readable(over_materials=over | {"by_formula": 7})["over the materials"]
+    assert "fold by the rod (7 by beam formulas), 90 %" in some
     quick = {"foldable": False, "fold_angle": RIGHT_ANGLE, "over_materials": over, "holds": None}
     assert check._quickly(quick) == {
         "folds": "no", "angle": "90°", "over the materials": told, "it stays so for": "–",

@@ -114,11 +114,12 @@ def test_training_gets_its_hold_out_rate_and_settings(foldlab, witness):
     pd.DataFrame({"a": [1.0]}).to_csv("l.csv", index=False)
     (table, name), seen = witness("train l.csv -o m", train, "train_on")
     assert list(table) == ["a"] and name == "network"
-    assert seen == {"seed": 0, "holdout": 0.2, "rate": None, "options": {}}
+    assert seen == {"seed": 0, "holdout": 0.2, "rate": None, "coverage": None, "options": {}}
     line = "train l.csv -o m --model tree --seed 4 --holdout 0.5 --false-positive-rate 0.1"
-    (_, name), seen = witness(f"{line} --set depth=3", train, "train_on")
+    (_, name), seen = witness(f"{line} --coverage 0.9 --set depth=3", train, "train_on")
     assert name == "tree"
-    assert seen == {"seed": 4, "holdout": 0.5, "rate": 0.1, "options": {"depth": 3}}
+    options = {"options": {"depth": 3}}
+    assert seen == {"seed": 4, "holdout": 0.5, "rate": 0.1, "coverage": 0.9, **options}
 
 
 def test_strategies_are_compared_on_as_many_seeds_as_were_told(witness):
