@@ -8,6 +8,7 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
+import numpy as np
 import typer
 
 from foldlab.cli.files import Files, make
@@ -231,6 +232,8 @@ def readable(answer: Mapping[str, Any], unit: Sized) -> dict[str, Any]:
     error = answer["error_m1"]
     sure = "" if error is None else f" ± {_number(float(f'{error * DEGREES:.1g}'))}°"
     angle = f"{_degrees(answer['fold_angle'])}{sure}"
+    if abs(answer["fold_angle"] or 0.0) > np.pi:
+        angle += " (panels meet at about 180° and pass through each other here)"
     change = answer["change"]
     if change is not None:
         change = (

@@ -1,5 +1,6 @@
 """The words in which ``foldlab check`` answers: each number in a maker's units."""
 
+import numpy as np
 import pandas as pd
 import pytest
 
@@ -92,6 +93,13 @@ def test_how_far_it_stays_so_is_told_on_either_side():
     assert readable(holds=ends)["it stays so for"] == told
     nothing = readable(holds={"h_s": [None, None]})["it stays so for"]
     assert nothing.startswith("any change of one quantity (")
+
+
+@pytest.mark.parametrize("half_turns, told", [(0.99, False), (1.01, True), (2.0, True)])
+def test_panels_that_would_have_met_are_told_of(half_turns, told):
+    angle = readable(fold_angle=half_turns * np.pi)["angle"]
+    assert ("pass through each other" in angle) is told
+    assert "pass through" not in readable(fold_angle=None)["angle"]
 
 
 def test_what_the_materials_leave_open_is_told_with_their_ranges():
