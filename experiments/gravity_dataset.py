@@ -10,7 +10,6 @@ stopped goes on, and written when it is whole: ``--set write=true`` puts it amon
 from __future__ import annotations
 
 import platform
-import subprocess
 import sys
 import time
 from collections import Counter
@@ -25,7 +24,7 @@ from sklearn.ensemble import HistGradientBoostingClassifier
 
 from experiments.common import OUT, main, save_figure
 from experiments.gravity_campaign import SHEETS, picture
-from foldlab.campaign.campaign import run_campaign
+from foldlab.campaign.campaign import labelled
 from foldlab.datasets import FOLDER
 from foldlab.design import FULL, PATTERNED
 from foldlab.errors import InputError
@@ -33,6 +32,7 @@ from foldlab.labels.asked import Conditions, Effort
 from foldlab.labels.solver import SolverSource
 from foldlab.labels.store import LabelStore
 from foldlab.tables import read_table, write_table
+from foldlab.tracking import commit
 
 SEEDS = 20_000  # where those of pieces begin, away from those of tests and tables
 STRIPED = 0.1  # fraction of uniaxial designs that have strips
@@ -99,11 +99,11 @@ def _piece(config: Config, k: int, path: Path) -> pd.DataFrame:
             space = PATTERNED if space == "patterned" else FULL
             effort = Effort(config.accuracy, config.timeout)
             source = SolverSource(Conditions(growth=config.growth), effort, space=space)
-            asked = designs[space.names]
-            report = run_campaign(asked, source, store, workers=config.workers, progress=False)
-            print(f"{name}: {report.outcome}", report.as_dict(), file=sys.stderr, flush=True)
-            rows = store.frame(source.name, source.version)
-            frames.append(designs.merge(rows.drop(columns=STRIPS, errors="ignore"), on=FULL.names))
+            rows = labelled(designs, source, store, workers=config.workers, progress=False)
+            unknown = int(rows["foldable"].isna().sum())
+            told = f"{name}: {len(rows)} designs of the {space.name} space, {unknown} unknown"
+            print(told, file=sys.stderr, flush=True)
+            frames.append(rows)
     table = pd.concat(frames, ignore_index=True).assign(growth=config.growth)
     table = table.drop(columns=["space", *DROPPED], errors="ignore")
     numbers = [c for c in table.select_dtypes("float") if c not in (*FULL.names, *STRIPS)]
@@ -113,7 +113,7 @@ def _piece(config: Config, k: int, path: Path) -> pd.DataFrame:
             "command": "python -m experiments.gravity_dataset "
             f"--set growth={config.growth} --set first={k} --set size={config.size} "
             f"--set timeout={config.timeout:g}",
-            "commit": _commit(),
+            "commit": commit(),
             "labels": len(table),
             "core_seconds": float(table["core_seconds"].sum()),
             "wall_seconds": time.perf_counter() - started,
@@ -175,11 +175,6 @@ def _model_doubts(many: pd.DataFrame, growth: str) -> np.ndarray:
     model = HistGradientBoostingClassifier(random_state=0)
     model.fit(np.log(known[FULL.names]), known["foldable"].astype(bool))
     return np.abs(model.predict_proba(np.log(many[FULL.names]))[:, 1] - 0.5) < 0.5 - DOUBT
-
-
-def _commit() -> str:
-    line = ["git", "rev-parse", "--short", "HEAD"]
-    return subprocess.run(line, capture_output=True, text=True, check=False).stdout.strip()
 
 
 if __name__ == "__main__":

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import asyncio
 import math
+import tempfile
 import time
 from collections import Counter, deque
 from collections.abc import Callable, Iterable, Mapping
@@ -19,7 +20,7 @@ from concurrent.futures import (
     Future,
     wait,
 )
-from contextlib import nullcontext
+from contextlib import ExitStack, nullcontext
 from dataclasses import asdict, dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -131,6 +132,26 @@ def run_campaign(
                 else:
                     stopped = _pooled(source, waiting, book, workers, in_flight)
         return _report(book, len(designs), len(table) - len(missing), stopped, started)
+
+
+def labelled(
+    designs: pd.DataFrame, source: LabelSource, store: LabelStore | None = None, **options
+) -> pd.DataFrame:
+    """The table of designs with their labels beside them, in its order and with its index.
+
+    Runs a campaign (``options`` are those of :func:`run_campaign`) into ``store``, or into one that
+    is thrown away. What was not labelled, as by an executor that broke, is unknown. Raises as
+    :func:`run_campaign` does.
+    """
+    names = source.space.names
+    with ExitStack() as stack:
+        if store is None:
+            folder = stack.enter_context(tempfile.TemporaryDirectory())
+            store = stack.enter_context(LabelStore(Path(folder) / "labels.db"))
+        run_campaign(designs[names], source, store, **options)
+        labels = store.frame(source.name, source.version)
+    beside = [c for c in labels if c in names or c not in designs]
+    return designs.merge(labels[beside], on=names, how="left").set_index(designs.index)
 
 
 def _designs_by_key(designs: pd.DataFrame, source) -> dict[str, dict[str, float]]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from contextlib import nullcontext
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -40,19 +41,22 @@ def augment(
 ) -> None:
     """Spend labels near the boundary (Algorithm 5) and at random; compare the labels needed. Labels
     of the solver are kept in the folder: run again, it goes on where it was."""
-    from foldlab.labels.solver import make_source
+    from foldlab.campaign.campaign import labelled
+    from foldlab.labels.sources import make_source
     from foldlab.labels.store import LabelStore
     from foldlab.learning.augment import Plan, compare_strategies
     from foldlab.learning.plots import plot_learning_curves
     from foldlab.plots import save_figure
 
     plan = build(Plan, given.read())
-    slow = source == "solver"
-    maker = make_source(source, {"timeout": timeout} if slow else {}, space=space_named(space))
+    maker = make_source(source, space=space_named(space))
+    slow = not hasattr(maker, "label_many")
+    if slow:
+        maker = make_source(source, {"timeout": timeout}, space=maker.space)
     table = _test_labels(test, slow)
     if slow:
         labels = plan.initial + plan.per_cycle * (plan.cycles - 1)
-        note(f"up to {2 * seeds * labels} labels by the solver, each at most {timeout:g} core-s")
+        note(f"up to {2 * seeds * labels} labels by the {source}, each at most {timeout:g} core-s")
     with (
         output_folder(out, keep=[STORE]),
         LabelStore(out / STORE) if slow else nullcontext() as store,
@@ -64,7 +68,11 @@ def augment(
             target=target,
             progress=None if as_json else note,
             test=table,
-            label=_labelling(maker, store, workers, as_json) if slow else None,
+            label=partial(
+                labelled, source=maker, store=store, workers=workers, progress=not as_json
+            )
+            if slow
+            else None,
         )
         write_table(curves, out / "curves.csv")
         save_figure(plot_learning_curves(curves, target=target, as_error=True), out / "curves.png")
@@ -81,19 +89,7 @@ def _test_labels(path: Path | None, slow: bool) -> pd.DataFrame | None:
 
     if "gravity" not in datasets():
         raise InputError(
-            "labels of the solver are too dear to make test labels first: give some by --test TABLE"
+            "such labels are too dear to make test labels first: give some by --test TABLE"
         )
     table = load_dataset("gravity", growth="uniaxial", part="test")
     return table[table["strips"] == 0]
-
-
-def _labelling(source, store, workers: int, quiet: bool):
-    """Labels designs into the store, where they may be already; in their order."""
-    from foldlab.campaign.campaign import run_campaign
-
-    def label(designs: pd.DataFrame) -> pd.DataFrame:
-        names = source.space.names
-        run_campaign(designs[names], source, store, workers=workers, progress=not quiet)
-        return designs[names].merge(store.frame(source.name, source.version), on=names)
-
-    return label

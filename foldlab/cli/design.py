@@ -173,7 +173,7 @@ def design(
     weight, and the solver confirms each with its tolerances.
     """
     from foldlab.inverse.wish import Wish, scales_of
-    from foldlab.labels.solver import make_source
+    from foldlab.labels.sources import make_source
 
     want, fixed = aim.read(), numbers(given.read())
     wish = Wish(want=want, fixed=fixed, **limits.read())
@@ -255,7 +255,7 @@ def _light(n, wish: Wish, space: str, judges: Judges, files, seed, as_json) -> N
     from foldlab.inverse import propose as inverse
     from foldlab.inverse.answer import rows
     from foldlab.inverse.confirm import confirm
-    from foldlab.labels.solver import make_source
+    from foldlab.labels.sources import make_source
 
     if wish.stands or wish.strain_margin is not None:
         raise InputError(

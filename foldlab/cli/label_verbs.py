@@ -59,7 +59,7 @@ def label(
     """
     from foldlab.campaign.campaign import run_campaign
     from foldlab.labels.foldability import THICK_HINGE, thick_hinge
-    from foldlab.labels.solver import make_source
+    from foldlab.labels.sources import make_source
     from foldlab.labels.store import LabelStore
 
     if dask is not None and workers is not None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import tempfile
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -52,7 +51,7 @@ def map_(
 ) -> None:
     """Draw a regime map (Figs. 4.28, 4.29); --set fixes the groups that are not on an axis, others
     are held in the middle of their bounds."""
-    from foldlab.labels.solver import make_source
+    from foldlab.labels.sources import make_source
     from foldlab.labels.timoshenko import TimoshenkoSource
     from foldlab.learning.saving import load_model, shipped_for
     from foldlab.maps.plots import plot_regimes
@@ -108,18 +107,13 @@ def _verified(
     regime: RegimeMap, n: int, seed: int, timeout: float, workers: int, quiet: bool
 ) -> tuple[pd.DataFrame, dict[str, Any]]:
     """Designs of the map with the solver's labels, and how the model did on them."""
-    from foldlab.campaign.campaign import run_campaign
-    from foldlab.labels.solver import make_source
-    from foldlab.labels.store import LabelStore
+    from foldlab.campaign.campaign import labelled
+    from foldlab.labels.sources import make_source
     from foldlab.maps.regimes import to_verify
 
     designs = to_verify(regime, n, seed=seed)
-    names = regime.space.names
     source = make_source("solver", {"timeout": timeout}, space=regime.space)
-    with tempfile.TemporaryDirectory() as folder, LabelStore(Path(folder) / "labels.db") as store:
-        run_campaign(designs[names], source, store, workers=workers, progress=not quiet)
-        labels = store.frame(source.name, source.version)
-    table = designs.merge(labels, on=names)
+    table = labelled(designs, source, workers=workers, progress=not quiet)
     known = table["foldable"].notna()
     agree = table["predicted"][known] == table["foldable"][known].astype(bool)
     return table, {

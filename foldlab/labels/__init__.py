@@ -6,13 +6,17 @@ from importlib import import_module
 _HOMES = {
     "Label": "foldlab.labels.label",
     "LabelStore": "foldlab.labels.store",
+    "LadderSource": "foldlab.labels.sources",
     "RodSource": "foldlab.labels.rod",
     "SolverSource": "foldlab.labels.solver",
     "TimoshenkoSource": "foldlab.labels.timoshenko",
-    "make_source": "foldlab.labels.solver",
+    "make_source": "foldlab.labels.sources",
 }
 
-__all__ = ["Label", "LabelStore", "RodSource", "SolverSource", "TimoshenkoSource", "make_source"]
+__all__ = [
+    "Label", "LabelStore", "LadderSource", "RodSource", "SolverSource", "TimoshenkoSource",
+    "make_source",
+]  # fmt: skip
 
 
 def __getattr__(name: str):

@@ -51,10 +51,14 @@ class Run:
         ``strain.active`` (peak principal strain of each layer).
 
         At the load of the state, see :func:`solver.cases.unit.sensitivity.neighbours`, which leaves
-        out what has none. None with friction, and at a critical point.
+        out what has none. None with friction, at a critical point, and for a path without an end.
         """
         from solver.cases.unit.sensitivity import neighbours
+        from solver.equilibrium.clock import OutOfTime
         from solver.equilibrium.linear import SingularMatrix
+
+        if not self.settled or self.folding.model.physics.friction:
+            return None
 
         last, rates = self.folding.last, {}
         try:
@@ -62,7 +66,7 @@ class Run:
                 low, high = (_measured(*at, last.e) for at in (side.below, side.above))
                 for name, value in high.items():
                     rates.setdefault(name, {})[side.group] = (value - low[name]) / side.apart
-        except (SingularMatrix, ValueError):
+        except (SingularMatrix, OutOfTime):
             return None
         return rates
 

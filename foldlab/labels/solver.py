@@ -1,4 +1,4 @@
-"""Label sources. The only foldlab file that may import ``solver``, and only on request."""
+"""Labels from the finite-strain solver, which is imported only when a label is asked for."""
 
 from __future__ import annotations
 
@@ -14,12 +14,10 @@ from foldlab.labels import verdict as judging
 from foldlab.labels.asked import Changing, Conditions, Effort, check_strips
 from foldlab.labels.foldability import Thresholds
 from foldlab.labels.label import Label
-from foldlab.labels.rod import RodSource
 from foldlab.labels.run import Run
 from foldlab.labels.strength import Strengths, breaking, peaks
-from foldlab.labels.timoshenko import TimoshenkoSource
 from foldlab.memory import forget_peak, hand_back
-from foldlab.settings import call, changed
+from foldlab.settings import changed
 
 if TYPE_CHECKING:
     from solver.cases.unit.choices import Changes
@@ -406,23 +404,6 @@ LARGEST = {2: 6000, 3: 20000}
 # And by what factor more where the verdict is open.
 FURTHER = 3
 FINEST = 3  # of all meshes
-
-
-SOURCES = {"timoshenko": TimoshenkoSource, "rod": RodSource, "solver": SolverSource}
-
-
-def make_source(name: str, settings: Mapping[str, Any] | None = None, **fixed):
-    """A label source by name, with a user's ``settings`` checked against its types.
-
-    ``fixed`` is what the program gives, such as the space. Raises :class:`InputError` for an
-    unknown source, unknown settings or values of a wrong type.
-    """
-    from foldlab.labels.ladder import LadderSource  # which is made of the others
-
-    sources = {**SOURCES, LadderSource.name: LadderSource}
-    if name not in sources:
-        raise InputError(f"no label source {name!r}; there are: {', '.join(sources)}")
-    return call(sources[name], settings or {}, what=f"source {name!r}", **fixed)
 
 
 def _why(unit: Unit) -> str:

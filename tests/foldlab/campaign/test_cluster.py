@@ -19,7 +19,7 @@ from foldlab.campaign.campaign import run_campaign
 from foldlab.campaign.cluster import dask_executor
 from foldlab.cli import app as cli
 from foldlab.errors import InputError
-from foldlab.labels import solver as sources
+from foldlab.labels import sources
 from foldlab.labels.store import LabelStore
 
 

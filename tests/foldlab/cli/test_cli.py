@@ -12,7 +12,7 @@ from campaign_sources import Timed
 from foldlab import __version__
 from foldlab.campaign import campaign
 from foldlab.datasets import load_dataset
-from foldlab.labels import solver as sources
+from foldlab.labels import sources
 from foldlab.labels.label import Label
 
 

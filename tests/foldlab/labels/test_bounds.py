@@ -13,7 +13,8 @@ from foldlab.labels import solver as sources
 from foldlab.labels.asked import Changing, Conditions, Effort
 from foldlab.labels.foldability import TOUCHING, Thresholds
 from foldlab.labels.run import Run
-from foldlab.labels.solver import SolverSource, make_source
+from foldlab.labels.solver import SolverSource
+from foldlab.labels.sources import make_source
 from foldlab.labels.strength import Strengths
 from foldlab.labels.verdict import ACROSS, BRANCHED, Errors, calibrated, find_events, judge, since
 from solver.cases.unit.path import Ending

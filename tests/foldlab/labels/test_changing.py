@@ -6,7 +6,8 @@ from test_solver_source import LIGHT
 from foldlab.errors import InputError
 from foldlab.labels.asked import Changing, Effort
 from foldlab.labels.forecast import forecast
-from foldlab.labels.solver import SolverSource, make_source
+from foldlab.labels.solver import SolverSource
+from foldlab.labels.sources import make_source
 from solver.cases.unit.path import Ending
 
 WEIGHTLESS = {"effects": "none", "accuracy": 0.1}

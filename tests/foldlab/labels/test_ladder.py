@@ -9,9 +9,9 @@ from foldlab.errors import InputError
 from foldlab.labels.asked import Conditions, Effort
 from foldlab.labels.foldability import Thresholds
 from foldlab.labels.label import Label
-from foldlab.labels.ladder import LadderSource
 from foldlab.labels.rod import RodSource
-from foldlab.labels.solver import SolverSource, make_source
+from foldlab.labels.solver import SolverSource
+from foldlab.labels.sources import LadderSource, make_source
 
 LADDER = LadderSource()
 

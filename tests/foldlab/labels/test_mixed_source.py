@@ -10,7 +10,8 @@ from foldlab.labels import screening
 from foldlab.labels.asked import Effort
 from foldlab.labels.foldability import Thresholds
 from foldlab.labels.label import storable
-from foldlab.labels.solver import SolverSource, make_source
+from foldlab.labels.solver import SolverSource
+from foldlab.labels.sources import make_source
 
 LIGHT = {
     "E_ratio": 0.1, "rho_ratio": 1.0, "hinge_length": 0.25, "hinge_width": 1.0, "h_ratio": 5.0,

@@ -11,7 +11,7 @@ from foldlab.datasets import load_dataset
 from foldlab.design import FULL, PATTERNED, REDUCED
 from foldlab.errors import InputError
 from foldlab.labels.label import LabelSource, storable
-from foldlab.labels.solver import make_source
+from foldlab.labels.sources import make_source
 
 LIGHT = {
     "E_ratio": 0.1, "rho_ratio": 1.0, "hinge_length": 0.25, "hinge_width": 1.0, "h_ratio": 5.0,

@@ -8,6 +8,7 @@ import pytest
 from foldlab.design import FULL
 from foldlab.labels.asked import Conditions, Effort
 from foldlab.labels.solver import SolverSource
+from solver.equilibrium.clock import OutOfTime
 
 DESIGN = {
     "E_ratio": 0.5, "rho_ratio": 1.3, "hinge_length": 0.25, "hinge_width": 0.8, "h_ratio": 0.9,
@@ -47,3 +48,16 @@ def test_where_there_are_none_the_label_says_so():
     rough = replace(SOURCE, conditions=Conditions(friction=0.3))
     evidence = rough.label(DESIGN).evidence
     assert evidence["sensitivity"] is None and np.isfinite(evidence["m1"])
+
+
+def test_a_label_that_runs_out_of_time_has_none_and_still_is_a_label(monkeypatch):
+    # The time is up while derivatives are taken.
+    def late(*_):
+        raise OutOfTime
+        yield
+
+    monkeypatch.setattr("solver.cases.unit.sensitivity.neighbours", late)
+    label = SOURCE.label(DESIGN)
+    assert label.foldable is not None and label.evidence["sensitivity"] is None
+    short = replace(SOURCE, effort=Effort(0.05, timeout=0.05, sensitivity=True)).label(DESIGN)
+    assert short.foldable is None and short.evidence.get("sensitivity") is None

@@ -22,7 +22,8 @@ from foldlab.labels.asked import Conditions, Effort
 from foldlab.labels.foldability import Thresholds
 from foldlab.labels.label import LabelSource, storable
 from foldlab.labels.rod import RodSource
-from foldlab.labels.solver import SolverSource, make_source
+from foldlab.labels.solver import SolverSource
+from foldlab.labels.sources import make_source
 from foldlab.labels.strength import Strengths
 from foldlab.labels.verdict import ACROSS, CURVE_POINTS, FLOOR, Errors
 from foldlab.memory import hand_back

@@ -9,7 +9,8 @@ from foldlab.design import FULL, PATTERNED, REDUCED
 from foldlab.errors import InputError
 from foldlab.labels import timoshenko
 from foldlab.labels.asked import Conditions
-from foldlab.labels.solver import SolverSource, make_source
+from foldlab.labels.solver import SolverSource
+from foldlab.labels.sources import make_source
 from foldlab.labels.timoshenko import TimoshenkoSource
 
 

@@ -12,7 +12,8 @@ from foldlab.design import FULL
 from foldlab.labels import forecast
 from foldlab.labels.asked import EFFECTS, Conditions, Effort
 from foldlab.labels.label import Label
-from foldlab.labels.solver import SolverSource, make_source
+from foldlab.labels.solver import SolverSource
+from foldlab.labels.sources import make_source
 from foldlab.labels.timoshenko import weight_turning
 from foldlab.labels.verdict import FLOOR
 from foldlab.unit import why

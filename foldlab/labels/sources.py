@@ -1,4 +1,4 @@
-"""A ladder of label sources: the cheapest one that is sure of its answer gives the label.
+"""Label sources by name; and a ladder of them, where the cheapest that is sure gives the label.
 
 Rungs, by what a label costs: the planar rod (a millisecond, with an error that it states), then the
 solver. What the rod cannot feel, and designs that its error leaves open, climb on.
@@ -18,6 +18,8 @@ from foldlab.labels.foldability import Thresholds
 from foldlab.labels.label import Label
 from foldlab.labels.rod import RodSource
 from foldlab.labels.solver import SolverSource
+from foldlab.labels.timoshenko import TimoshenkoSource
+from foldlab.settings import call
 
 if TYPE_CHECKING:
     from foldlab.labels.label import LabelSource
@@ -80,3 +82,19 @@ class LadderSource:
                 break
         evidence = {**evidence, "rung": label.source, "core_seconds": spent}
         return replace(label, evidence=evidence, source=self.name, version=self.version)
+
+
+SOURCES = {
+    source.name: source for source in (TimoshenkoSource, RodSource, SolverSource, LadderSource)
+}
+
+
+def make_source(name: str, settings: Mapping[str, Any] | None = None, **fixed):
+    """A label source by name, with a user's ``settings`` checked against its types.
+
+    ``fixed`` is what the program gives, such as the space. Raises :class:`InputError` for an
+    unknown source, unknown settings or values of a wrong type.
+    """
+    if name not in SOURCES:
+        raise InputError(f"no label source {name!r}; there are: {', '.join(SOURCES)}")
+    return call(SOURCES[name], settings or {}, what=f"source {name!r}", **fixed)
