@@ -20,14 +20,11 @@ from __future__ import annotations
 import keyword
 import math
 import time
-from itertools import product
 from typing import Literal
 
 import numpy as np
 import pandas as pd
-from scipy.optimize import least_squares
 from scipy.special import expit
-from scipy.stats import qmc
 from sklearn.base import BaseEstimator, ClassifierMixin, RegressorMixin
 from sklearn.utils.validation import check_is_fitted, validate_data
 
@@ -38,17 +35,14 @@ from foldlab.labels.rod import rod_of
 from foldlab.labels.timoshenko import FULL_TURN
 from foldlab.learning.symbolic import formula as fm
 from foldlab.learning.symbolic.engines import ENGINES, Constraints
+from foldlab.learning.symbolic.finishing import front_of, guard_points, refit, scale_of
 from foldlab.learning.symbolic.formula import Formula, Tree
 from foldlab.tables import as_frame
 
 __all__ = ["Constraints", "SymbolicClassifier", "SymbolicRegressor"]
 
 _SEARCH_FRACTION = 0.85  # of the seconds; the rest is for refitting constants
-_GUARDS = 2048  # points of the box at which a formula must be defined
 _DESIGNS = {"physics": 20_000, "rod": 4000}  # that take the place of the box's points
-_CORNERS = 10  # dimensions up to which every corner of the box is one of the guards
-_WORST_LOG = 20.0
-_REFIT_STEPS = 12  # Levenberg–Marquardt; the engine has tuned the constants before
 
 
 class SymbolicRegressor(RegressorMixin, BaseEstimator):
@@ -123,7 +117,7 @@ class SymbolicRegressor(RegressorMixin, BaseEstimator):
                 "set reciprocal=False"
             )
         end = start + limits.seconds
-        scale = _scale_of(y)
+        scale = scale_of(y)
         wanted = scale / y if self.reciprocal else y / scale
         candidates = ENGINES[self.engine](
             X,
@@ -134,7 +128,7 @@ class SymbolicRegressor(RegressorMixin, BaseEstimator):
             start + _SEARCH_FRACTION * limits.seconds,
         )
         if guards is None:
-            guards = _guard_points(*self._box(X), limits.seed)
+            guards = guard_points(*self._box(X), limits.seed)
         guards = np.asarray(guards, dtype=float)
         rows = []
         for tree in candidates:
@@ -146,7 +140,7 @@ class SymbolicRegressor(RegressorMixin, BaseEstimator):
                 f"no finite formula within the constraints after {limits.seconds:g} s and "
                 f"{len(candidates)} candidates: allow more seconds, size or depth"
             )
-        self.front_ = _front(rows)
+        self.front_ = front_of(rows)
         rounding = 1e-12 * (1 if self.log_target else scale)
         near = self.front_["error"] <= 1.01 * self.front_["error"].min() + rounding
         self.formula_ = self.front_["formula"][near.idxmax()]
@@ -369,74 +363,3 @@ class SymbolicClassifier(ClassifierMixin, BaseEstimator):
         """Shape (n, 2), columns in the order of ``classes_``; see the class for what it means."""
         yes = expit(self.decision_function(X) / self.scale_)
         return np.column_stack([1 - yes, yes])
-
-
-def refit(tree: Tree, X, y, inputs, log_target: bool) -> tuple[Tree, float]:
-    """Least-squares constants in double precision: (tree, rms error); error as in ``front_``.
-
-    X: (n, len(inputs)), y: (n,). An undefined or negative value counts as a relative error e^20.
-    """
-    start = np.array(fm.constants(tree))
-    names = [f"c{k}_" for k in range(len(start))]
-    model = Formula(fm.with_names(tree, names), (*inputs, *names)).function
-    columns = tuple(X.T)
-
-    def residual(c):
-        with np.errstate(all="ignore"):
-            values = np.broadcast_to(model(*columns, *c), y.shape)
-            r = np.log(values / y) if log_target else values - y
-        if log_target:
-            return np.where(np.isfinite(r), np.clip(r, -_WORST_LOG, _WORST_LOG), _WORST_LOG)
-        return r
-
-    best = start
-    if len(start) and np.isfinite(residual(start)).all():
-        try:
-            solution = least_squares(
-                residual,
-                start,
-                method="lm" if len(y) >= len(start) else "trf",
-                x_scale=np.maximum(np.abs(start), 1e-6),
-                max_nfev=_REFIT_STEPS * (len(start) + 1),
-            )
-            best = solution.x
-        except ValueError:  # a trial step left the domain of a plain-squares model
-            best = start
-    error = float(np.sqrt(np.mean(residual(best) ** 2)))
-    return fm.with_constants(tree, best), error
-
-
-def _scale_of(y) -> float:
-    """What the target is divided by for the search: a power of ten, 1 where it is of order 1.
-
-    The engine draws constants of order 1, and a fit that starts e^20 away does not move.
-    """
-    sizes = np.abs(y[y != 0])
-    exponent = round(float(np.mean(np.log10(sizes)))) if len(sizes) else 0
-    return 10.0**exponent if abs(exponent) > 3 else 1.0  # it may cost a node or two
-
-
-def _guard_points(low, high, seed: int) -> np.ndarray:
-    """Points of a box and its corners; inside, log-uniform where all values are positive."""
-    unit = qmc.LatinHypercube(d=len(low), rng=seed).random(_GUARDS)
-    columns = []
-    for k, u in enumerate(unit.T):
-        if low[k] > 0:
-            columns.append(np.exp(np.log(low[k]) + u * np.log(high[k] / low[k])))
-        else:
-            columns.append(low[k] + u * (high[k] - low[k]))
-    if len(low) <= _CORNERS:
-        upper = np.array(list(product((False, True), repeat=len(low))))
-    else:
-        upper = unit > 0.5
-    return np.vstack([np.column_stack(columns), np.where(upper, high, low)])
-
-
-def _front(rows: list[tuple]) -> pd.DataFrame:
-    """The rows that no other beats in both size and error, by size."""
-    front = []
-    for row in sorted(rows, key=lambda r: (r[0], r[2], r[1])):
-        # More nodes for rounding are no gain.
-        if not front or row[2] < (1 - 1e-6) * front[-1][2]:
-            front.append(row)
-    return pd.DataFrame(front, columns=["size", "depth", "error", "formula"])

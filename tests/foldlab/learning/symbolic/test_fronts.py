@@ -9,9 +9,10 @@ import pytest
 
 from foldlab.design import REDUCED
 from foldlab.errors import InputError
-from foldlab.learning.symbolic import engines, estimators
+from foldlab.learning.symbolic import engines, finishing
 from foldlab.learning.symbolic.engines import Constraints, read_operon
-from foldlab.learning.symbolic.estimators import SymbolicClassifier, SymbolicRegressor, refit
+from foldlab.learning.symbolic.estimators import SymbolicClassifier, SymbolicRegressor
+from foldlab.learning.symbolic.finishing import refit
 from foldlab.learning.symbolic.formula import Formula
 
 NAMES = tuple(REDUCED.names)
@@ -101,14 +102,14 @@ def test_a_search_without_generations_ends_by_its_time():
     ],
 )  # fmt: skip
 def test_targets_are_scaled_by_a_power_of_ten_beyond_three_decades(values, scale):
-    assert estimators._scale_of(np.array(values)) == pytest.approx(scale, rel=1e-12)
+    assert finishing.scale_of(np.array(values)) == pytest.approx(scale, rel=1e-12)
 
 
 @pytest.mark.parametrize("d", [1, 3, 10, 11])
 def test_formulas_are_guarded_within_the_box_and_at_its_corners(d):
     low, high = np.full(d, 1e-4), np.full(d, 1e2)
     low[0], high[0] = -3.0, 5.0
-    points = estimators._guard_points(low, high, 0)
+    points = finishing.guard_points(low, high, 0)
     inside, corners = points[:2048], points[2048:]
     assert (points >= low - 1e-12).all() and (points <= high * (1 + 1e-12)).all()
     assert np.isclose(corners[..., None], np.stack([low, high], -1)).any(-1).all()
@@ -126,7 +127,7 @@ def test_the_front_holds_what_no_other_beats_in_size_and_error():
         (7, 3, 0.5 * (1 - 1e-7), "by rounding"), (9, 4, 0.1, "c"), (1, 1, 0.95, "worse"),
         (9, 3, 0.1, "d"),
     ]  # fmt: skip
-    front = estimators._front(rows)
+    front = finishing.front_of(rows)
     # Of two as long and as good the one of fewer levels.
     assert front["formula"].tolist() == ["b", "a", "d"]
     assert list(front.columns) == ["size", "depth", "error", "formula"]

@@ -17,7 +17,8 @@ from foldlab.labels.timoshenko import FULL_TURN, folds, normalised_angle
 from foldlab.learning.symbolic import engines
 from foldlab.learning.symbolic import formula as fm
 from foldlab.learning.symbolic.engines import Constraints
-from foldlab.learning.symbolic.estimators import SymbolicClassifier, SymbolicRegressor, refit
+from foldlab.learning.symbolic.estimators import SymbolicClassifier, SymbolicRegressor
+from foldlab.learning.symbolic.finishing import refit
 from foldlab.learning.symbolic.formula import Formula
 
 # Eq. 4.25 as a person would write it within depth 7.
