@@ -86,13 +86,7 @@ def run(config: Config, tracker) -> dict[str, Any]:
             rows.append(
                 {"strategy": name, "accuracy": target, "labels": labels, "core_seconds": costs}
             )
-    reached = {(row["strategy"], row["accuracy"]): row["labels"] for row in rows}
-    ratios = {}
-    for target in config.targets:
-        for suffix in ("", ", states"):
-            near, random = (reached[name + suffix, target] for name in STRATEGIES)
-            both = np.isfinite([near, random]).all()
-            ratios[f"{target:g}{suffix}"] = float(near / random) if both else None
+    ratios = ratios_of(rows, config.targets)
     final = curves[curves["labels"] == curves["labels"].max()].groupby("strategy")["accuracy"]
     return {
         "ratio": ratios,
@@ -104,6 +98,19 @@ def run(config: Config, tracker) -> dict[str, Any]:
             {**row, "labels": row["labels"] if np.isfinite(row["labels"]) else None} for row in rows
         ],
     }
+
+
+def ratios_of(rows: list[dict[str, Any]], targets: tuple[float, ...]) -> dict[str, float | None]:
+    """Labels near the boundary over labels at random for each accuracy, with the states along paths
+    and without; None where one of them did not reach it."""
+    reached = {(row["strategy"], row["accuracy"]): row["labels"] for row in rows}
+    ratios = {}
+    for target in targets:
+        for suffix in ("", ", states"):
+            near, random = (reached[name + suffix, target] for name in STRATEGIES)
+            both = np.isfinite([near, random]).all()
+            ratios[f"{target:g}{suffix}"] = float(near / random) if both else None
+    return ratios
 
 
 if __name__ == "__main__":

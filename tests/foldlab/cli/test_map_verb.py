@@ -2,6 +2,7 @@
 
 import json
 
+import pandas as pd
 import pytest
 
 from foldlab.datasets import load_dataset
@@ -35,6 +36,19 @@ def test_one_command_draws_a_map_under_weight_and_the_solver_verifies_it(
     assert "held in the middle of their bounds: rho_ratio = 1, " in err
     assert "contraction" not in err.splitlines()[0]
     assert (tmp_path / "a.png").read_bytes()[:4] == b"\x89PNG"
+
+
+def test_unknown_labels_count_neither_for_nor_against_the_model(foldlab, model, monkeypatch):
+    def labelled(designs, source, **options):
+        answers = pd.array([None, True, False, True] * 3, dtype="boolean")
+        assert options["workers"] == 2 and source.timeout == 9
+        return designs.assign(foldable=answers, predicted=True, core_seconds=0.5)
+
+    monkeypatch.setattr("foldlab.campaign.campaign.labelled", labelled)
+    line = f"map {model} --panels 1 --points 100 --verify 12 --timeout 9 --workers 2 -o a.png"
+    result = json.loads(foldlab(f"{line} --json")[1])
+    told = [result[f"verified{name}"] for name in ("", "_known", "_agree", "_core_seconds")]
+    assert told == [12, 9, 6, 6.0]
 
 
 def test_a_single_panel_lies_in_the_middle(foldlab, model):

@@ -74,6 +74,12 @@ def test_a_path_ends_where_it_has_curled_for_good_unless_all_of_it_is_asked_for(
     assert away == [False] * (len(away) - 1) + [True]
 
 
+def test_a_path_that_curls_for_good_in_its_last_state_came_to_its_end():
+    label, whole = HASTY.label(CURLS), SOURCE.label(CURLS)
+    assert label.evidence["error_basis"] == "measured" and label.reason == whole.reason
+    assert label.evidence["m2"] == whole.evidence["m2"]
+
+
 @pytest.mark.parametrize(
     "changes, hasty",
     [

@@ -30,6 +30,7 @@ def test_states_inside_the_space_that_the_mesh_leaves_no_doubt_of_are_labels():
         [0.1, NEED * 1.3, 0.0],
         [0.1, NEED / 1.3, 0.0],
         [0.1, NEED * (1 + COARSE_ERROR) * 1.01 / 1.1, 0.0],  # within the mesh's error
+        [0.1, NEED * (1 - 0.9 * COARSE_ERROR), 0.0],  # and on its other side
         [0.1, NEED * 2, NEED],  # curled
         [0.1, NEED * 2, NEED / 2],  # at the threshold of curling
         [0.3, 3.0, 0.0],  # the label itself

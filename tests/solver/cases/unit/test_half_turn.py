@@ -14,6 +14,8 @@ from solver.cases.unit.output import Shape, write_path
 from solver.cases.unit.path import Ending, fold, refined
 from solver.cases.unit.strain import strain
 from solver.cases.unit.symmetry import Symmetries
+from solver.equilibrium.descent import descend
+from solver.equilibrium.linear import Factor
 from solver.equilibrium.newton import newton
 from solver.equilibrium.scene import Scene
 from solver.paths.continuation import load, trace
@@ -66,6 +68,23 @@ def test_a_state_is_judged_once(monkeypatch):
     assert len(counted) == 9
     # And one analysis does for all classes.
     assert len({id(scene.solver) for scene in counted}) == 1
+
+
+def test_the_rows_of_rotations_do_not_pull_at_what_a_class_holds(monkeypatch):
+    model, pulled = build(HEAVY, Meshing(COARSEST), Physics()), []
+    start = descend(model.scene, np.zeros(model.scene.size), 0.0, rtol=1e-6)
+    symmetries, solve = Symmetries(model), Factor.solve
+
+    def seen(self, b, **options):
+        pulled.append(b)
+        return solve(self, b, **options)
+
+    monkeypatch.setattr(Factor, "solve", seen)
+    symmetries.check(start.x, 0.0)
+    held = [symmetries._held[kept] for kept in (("x",), ("y",))]
+    assert len(pulled) == 2  # the twist is no rotation that tips it over
+    for rows, out in zip(pulled, held, strict=True):
+        assert out.any() and not rows[out].any() and rows[~out].any()
 
 
 def test_its_strain_is_that_of_the_whole(twisted):
