@@ -17,6 +17,7 @@ import time
 import warnings
 from collections.abc import Iterator, Mapping
 from contextlib import chdir, closing, contextmanager, suppress
+from dataclasses import dataclass
 from importlib import metadata
 from pathlib import Path
 from typing import Any
@@ -29,6 +30,8 @@ from foldlab.errors import InputError
 
 ROOT = Path("mlruns")
 ARTIFACTS = ROOT / "artifacts"
+# Libraries that a kind of saved model is read with, beside NumPy.
+NEEDS = {"sklearn": ("scikit-learn", "skops"), "network": ("torch",), "formula": ()}
 # Where MLflow keeps addresses of artifacts.
 ADDRESSES = (
     ("experiments", "artifact_location"),
@@ -65,51 +68,55 @@ class Run:
         with chdir(self._folder):
             self._mlflow.log_figure(figure, f"figures/{name}.png")
 
-    def model(self, name: str, classifier, example: pd.DataFrame) -> None:
-        """Log a fitted classifier with its signature and an input example (a few designs).
+    def model(self, name: str, fitted, example: pd.DataFrame) -> str:
+        """Log a fitted model with its signature and an input example (a few designs); its address.
 
-        Networks are exported with torch.export and answer with log-odds, other models go through
-        skops and answer with classes; neither is a bare pickle. The folder of
-        :func:`foldlab.learning.saving.save_model` lies beside either under ``models``, for a
-        formula alone.
+        ``mlflow.pyfunc.load_model`` of that address answers designs by the names of their columns,
+        see :class:`Served`. What is stored is the folder of
+        :func:`foldlab.learning.saving.save_model`, without pickled code; a process that loads it
+        needs foldlab.
         """
-        with chdir(self._folder):
-            self._log_model(name, classifier, example)
+        from foldlab.learning.saving import read_card, save_model
 
-    def _log_model(self, name: str, classifier, example: pd.DataFrame) -> None:
-        from sklearn.model_selection import FixedThresholdClassifier
-
-        from foldlab.learning import saving
-
-        with tempfile.TemporaryDirectory() as folder:
-            saved = saving.save_model(classifier, Path(folder) / name)
-            kind = saving.read_card(saved)["kind"]
-            self._mlflow.log_artifacts(folder, "models")
-        inner = classifier
-        if isinstance(classifier, FixedThresholdClassifier):
-            inner = getattr(classifier, "estimator_", classifier.estimator)
-        if kind == "network":
-            self._log_network(name, inner, inner.seen(example), inner.decision_function(example))
-        elif kind == "sklearn":
-            self._mlflow.sklearn.log_model(
-                inner,
+        with chdir(self._folder), tempfile.TemporaryDirectory() as folder:
+            saved = save_model(fitted, Path(folder) / name)
+            answers = Served(fitted).predict(example)
+            logged = self._mlflow.pyfunc.log_model(
                 name=name,
-                serialization_format="skops",
-                skops_trusted_types=sorted(saving.TRUSTED),
+                loader_module=__name__,
+                data_path=str(saved),
                 input_example=example,
-                signature=self._mlflow.models.infer_signature(example, classifier.predict(example)),
-                pip_requirements=_requirements("scikit-learn", "skops"),
+                signature=self._mlflow.models.infer_signature(example, answers),
+                pip_requirements=_requirements(*NEEDS[read_card(saved)["kind"]]),
             )
+        return logged.model_uri
 
-    def _log_network(self, name: str, network, designs, answers) -> None:
-        self._mlflow.pytorch.log_model(
-            network.module_.eval(),
-            name=name,
-            serialization_format="pt2",
-            input_example=designs,
-            signature=self._mlflow.models.infer_signature(designs, answers),
-            pip_requirements=_requirements("torch"),
-        )
+
+@dataclass(frozen=True)
+class Served:
+    """A fitted model as MLflow asks it."""
+
+    model: Any
+
+    def predict(self, designs: pd.DataFrame, params: Mapping[str, Any] | None = None):
+        """Of designs (n rows, a column per group) the ``probability`` that they fold and the
+        verdict ``foldable``; of a model of angles ``fold_angle`` in rad. A frame of n rows."""
+        from foldlab.learning.features import as_labels, probability_of_folding
+
+        if not hasattr(self.model, "predict_proba"):
+            answers = {"fold_angle": self.model.predict(designs)}
+        else:
+            verdicts = as_labels(self.model.predict(designs)).astype(bool)
+            probability = probability_of_folding(self.model, designs)
+            answers = {"probability": probability, "foldable": verdicts}
+        return pd.DataFrame(answers, index=designs.index)
+
+
+def _load_pyfunc(path: str) -> Served:
+    """What MLflow calls to load a model that :meth:`Run.model` logged."""
+    from foldlab.learning.saving import load_model
+
+    return Served(load_model(path)[0])
 
 
 def _requirements(*packages: str) -> list[str]:

@@ -79,7 +79,8 @@ def run(settings: Settings, out: Path, say: Callable[[str], None]) -> dict[str, 
             tracker.figure(f"regimes_{kind}", figure)
             say(f"map      {path}")
         saved = save_model(comparison.models[best], out / "model", {"model": best}, overwrite=True)
-        tracker.model(best, comparison.models[best], test[REDUCED.names].head())
+        for name, model in comparison.models.items():
+            tracker.model(name, model, test[REDUCED.names].head())
         say(f"model    {saved} ({best})")
         wish = Wish(fixed={"slenderness": 0.01})
         answer = confirm(

@@ -5,13 +5,9 @@ import subprocess
 from types import SimpleNamespace
 
 import numpy as np
-import pandas as pd
 import pytest
 
 from foldlab import tracking
-from foldlab.design import REDUCED
-from foldlab.learning.models import make_classifier
-from foldlab.learning.operating_point import with_threshold
 from foldlab.tracking import Run
 
 
@@ -96,25 +92,3 @@ def test_a_database_that_is_still_to_be_made_is_no_damaged_one(tmp_path):
     (tmp_path / "mlflow.db").touch()
     tracking._check(tmp_path / "mlflow.db")
     assert (tmp_path / "mlflow.db").read_bytes() == b""
-
-
-@pytest.mark.parametrize("threshold", [None, 0.9])
-def test_a_model_is_logged_as_fitted_with_the_classes_that_it_answers(threshold):
-    X = REDUCED.sample(60, seed=0)
-    tree = make_classifier("tree", REDUCED).fit(X, np.arange(60) % 2 == 0)
-    model = tree if threshold is None else with_threshold(tree, threshold)
-    folders, models = [], []
-    mlflow = SimpleNamespace(
-        log_artifacts=lambda folder, name: folders.append(name),
-        sklearn=SimpleNamespace(log_model=lambda model, **options: models.append((model, options))),
-        models=SimpleNamespace(infer_signature=lambda given, answers: (given, answers)),
-    )
-    Run(mlflow, "id").model("tree", model, X.head(3))
-    ((inner, options),) = models
-    np.testing.assert_array_equal(inner.predict_proba(X), tree.predict_proba(X))
-    assert folders == ["models"] and options["name"] == "tree"
-    given, answers = options["signature"]
-    pd.testing.assert_frame_equal(given, X.head(3))
-    np.testing.assert_array_equal(answers, model.predict(X.head(3)))
-    names = [line.split("==")[0] for line in options["pip_requirements"]]
-    assert names == ["scikit-learn", "skops", "numpy", "foldlab"]

@@ -13,9 +13,11 @@ import pandas as pd
 import pytest
 import torch
 
-from foldlab.design import REDUCED
+from foldlab.design import FULL, REDUCED
 from foldlab.errors import InputError
-from foldlab.learning.models import make_classifier
+from foldlab.labels import TimoshenkoSource
+from foldlab.learning.models import AngleRegressor, make_classifier
+from foldlab.learning.operating_point import with_threshold
 from foldlab.learning.tune import can_not_reach_the_front
 from foldlab.tracking import track, tracking_uri
 
@@ -190,12 +192,88 @@ def test_artifacts_are_found_after_a_move(local, tmp_path, monkeypatch):
         third.table("later", frame)
     (logged,) = client.search_logged_models([client.get_experiment_by_name("moves").experiment_id])
     for run_id, name in (
-        (run.run_id, "tables/first.csv"), (second.run_id, "models/tree/model.json"),
-        (third.run_id, "tables/later.csv"),
+        (run.run_id, "tables/first.csv"), (third.run_id, "tables/later.csv"),
     ):  # fmt: skip
         assert Path(client.download_artifacts(run_id, name)).is_file()
     assert (tmp_path / "two" / logged.artifact_location / "MLmodel").is_file()
     assert not (tmp_path / "one").exists()
+
+
+TRACKED = ("tree", "held", "network", "symbolic", "angle")
+
+
+@pytest.fixture(scope="module")
+def fitted():
+    """A model of every kind that is saved, by name, with designs that each knows."""
+    X = REDUCED.sample(80, seed=0)
+    labels = TimoshenkoSource().evaluate(X)
+    folds, angles = labels["foldable"], labels["normalised_angle"]
+    tree = make_classifier("tree", REDUCED).fit(X, folds)
+    network = make_classifier("network", REDUCED, epochs=5).fit(X, folds)
+    symbolic = make_classifier("symbolic", REDUCED, seconds=1.0).fit(X, angles)
+    full = FULL.sample(60, seed=0)
+    angle = AngleRegressor(FULL, inputs="groups", max_iter=5).fit(full, full["contraction"])
+    threshold = float(np.quantile(network.predict_proba(X.head(20))[:, 1], 0.8))
+    held = with_threshold(network, threshold)
+    assert (held.predict(X.head(20)) != network.predict(X.head(20))).any()
+    models = (tree, held, network, symbolic, angle)
+    return {
+        name: (model, (full if name == "angle" else X).head(20))
+        for name, model in zip(TRACKED, models, strict=True)
+    }
+
+
+@pytest.fixture(scope="module")
+def logged(fitted, empty, tmp_path_factory):
+    """Addresses of these models in a database of their own, and the folder that it lies in."""
+    folder = tmp_path_factory.mktemp("logged")
+    (folder / "mlruns").mkdir()
+    shutil.copy(empty, folder / "mlruns" / "mlflow.db")
+    with pytest.MonkeyPatch.context() as patch, warnings.catch_warnings():
+        patch.delenv("MLFLOW_TRACKING_URI", raising=False)
+        patch.chdir(folder)
+        with track("models", {}) as run:
+            addresses = {name: run.model(name, *fitted[name]) for name in TRACKED}
+    return folder, addresses
+
+
+@pytest.fixture
+def in_logged(logged, monkeypatch):
+    monkeypatch.chdir(logged[0])
+    mlflow.set_tracking_uri("sqlite:///mlruns/mlflow.db")
+    yield logged[1]
+    mlflow.set_tracking_uri(None)
+    monkeypatch.delenv("MLFLOW_TRACKING_URI", raising=False)
+
+
+@pytest.mark.filterwarnings("ignore")  # MLflow's own calls
+@pytest.mark.parametrize("name", TRACKED)
+def test_mlflow_loads_every_model_and_it_answers_with_probabilities(name, fitted, in_logged):
+    """Networks took numbers without names, formulas were not to be loaded at all."""
+    model, designs = fitted[name]
+    loaded = mlflow.pyfunc.load_model(in_logged[name])
+    told = loaded.predict(designs[designs.columns[::-1]])
+    assert loaded.metadata.get_input_schema().input_names() == list(designs.columns)
+    assert list(told.columns) == loaded.metadata.get_output_schema().input_names()
+    if name == "angle":
+        np.testing.assert_array_equal(told["fold_angle"], model.predict(designs))
+        return
+    np.testing.assert_array_equal(told["probability"], model.predict_proba(designs)[:, 1])
+    np.testing.assert_array_equal(told["foldable"], model.predict(designs))
+    assert told["foldable"].dtype == bool and 0 < told["probability"].mean() < 1
+
+
+@pytest.mark.filterwarnings("ignore")
+def test_a_logged_model_shows_designs_and_holds_no_pickle(fitted, in_logged):
+    loaded = mlflow.pyfunc.load_model(in_logged["network"])
+    pd.testing.assert_frame_equal(
+        loaded.input_example.reset_index(drop=True), fitted["network"][1].reset_index(drop=True)
+    )
+    with pytest.raises(mlflow.MlflowException, match="slenderness"):
+        loaded.predict(fitted["network"][1].drop(columns="slenderness"))
+    files = {p.name for p in Path("mlruns/artifacts").rglob("*") if p.is_file()}
+    assert {"model.json", "weights.npz", "model.skops", "formula.py"} <= files
+    assert not [f for f in files if f.endswith((".pkl", ".pickle", ".pt", ".joblib"))]
 
 
 def test_absolute_addresses_of_earlier_versions_are_mended(local, tmp_path):
