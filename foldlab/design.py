@@ -306,6 +306,8 @@ PHYSICAL = {
     "g_earth": "m/s²",
     "contraction": "1",
 }
+# Groups that say how an active layer is cut in strips.
+STRIPS = ("strips", "strip_share")
 # Width of an active strip and of the gap between two.
 PATTERN = {"w_i": "m", "s_i": "m"}
 _SCALES = ("E_s", "rho_s", "l_s", "g_earth")

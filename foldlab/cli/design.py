@@ -86,6 +86,13 @@ class Limits:
         float | None,
         _option("strain-margin", "1", "Strain to spare of what the materials bear, such as 20%."),
     ] = None
+    touching: Annotated[
+        bool | None,
+        typer.Option(
+            "--panels-touch/--panels-apart",
+            help="At the end its panels must, or must not, touch each other; else either will do.",
+        ),
+    ] = None
 
     def read(self) -> dict[str, Any]:
         """As a :class:`foldlab.inverse.wish.Wish` takes them."""
@@ -167,7 +174,8 @@ def design(
     seed: Seed = 0,
     as_json: Json = False,
 ) -> None:
-    """Propose designs for a wish; --set fixes a group or a quantity, in SI units or with a unit.
+    """Propose designs for a wish; --set fixes a group or a quantity, in SI units or with a unit;
+    strips and strip_share cut the active layer.
 
     Where the scale is known (materials and a length, or stiffness_to_weight) designs feel their
     weight, and the solver confirms each with its tolerances.
@@ -191,7 +199,7 @@ def design(
         return
     named = judges.source or "solver"
     _refuse(named, space, judges, want, why)
-    chosen = space_named(space or "full")
+    chosen = space_named("patterned" if wish.patterned else space or "full")
     wish = Wish(chosen, want=want, fixed=fixed, **limits.read())
     settings = {"timeout": judges.timeout} if named == "solver" else {}
     source = as_asked(wish, make_source(named, settings, space=chosen))
@@ -257,10 +265,10 @@ def _light(n, wish: Wish, space: str, judges: Judges, files, seed, as_json) -> N
     from foldlab.inverse.confirm import confirm
     from foldlab.labels.sources import make_source
 
-    if wish.stands or wish.strain_margin is not None:
+    if wish.stands or wish.strain_margin is not None or wish.touching is not None or wish.patterned:
         raise InputError(
-            "--stands and --strain-margin are told by the solver of units whose weight is known; "
-            "give materials and a size, and no --weightless"
+            "--stands, --strain-margin, --panels-touch, --panels-apart and strips are told by the "
+            "solver of units whose weight is known; give materials and a size, and no --weightless"
         )
     chosen = space_named(space)
     wish = replace(wish, space=chosen)

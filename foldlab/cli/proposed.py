@@ -12,7 +12,7 @@ import numpy as np
 
 from foldlab.cli.check import afterwards, beforehand, readable
 from foldlab.cli.files import make
-from foldlab.design import FULL
+from foldlab.design import FULL, PATTERNED, STRIPS
 from foldlab.errors import InputError
 from foldlab.terminal import note
 
@@ -59,7 +59,8 @@ def make_each(folder: Path, answer: Answer) -> list[dict[str, Any]]:
     from foldlab.unit.check import by_rod
     from foldlab.unit.record import draw, write_path
 
-    source, out = as_asked(answer.wish, SolverSource()), []
+    space = PATTERNED if answer.wish.patterned else FULL
+    source, out = as_asked(answer.wish, SolverSource(space=space)), []
     for number, proposal in enumerate(answer.proposals, start=1):
         unit = unit_of(answer.wish, proposal)
         run, label = source.follow(unit.groups)
@@ -81,9 +82,13 @@ def make_each(folder: Path, answer: Answer) -> list[dict[str, Any]]:
 
 
 def as_asked(wish: Wish, source):
-    """The source, for which folding means a wished angle within its tolerance."""
+    """The source, for which folding means a wished angle within its tolerance, and whose panels
+    touch where the wish asks about it."""
     from foldlab.labels.foldability import Thresholds
 
+    if wish.touching is not None and hasattr(source, "conditions"):
+        acting = replace(source.conditions, effects="gravity,ground,contact")
+        source = replace(source, conditions=acting)
     if isinstance(wish.want, str):
         return source
     need = max(wish.want.value - wish.want.tolerance, 1e-3)
@@ -96,7 +101,8 @@ def unit_of(wish: Wish, proposal) -> Sized:
     from foldlab.unit.sized import OF_MATERIAL, sized
 
     table = read_materials(wish.materials)
-    unit = sized(proposal.physical, table, *proposal.materials)
+    cut = {name: proposal.groups[name] for name in STRIPS if name in proposal.groups}
+    unit = sized({**proposal.physical, **cut}, table, *proposal.materials)
     # A stimulus is chosen with the design; E and rho are what the material turns out to have.
     left = {
         quantity
@@ -104,7 +110,7 @@ def unit_of(wish: Wish, proposal) -> Sized:
         for quantity in OF_MATERIAL[role]
         if name is not None and quantity not in (*wish.fixed, "contraction")
     }
-    given = {k: v for k, v in proposal.physical.items() if k not in left}
+    given = cut | {k: v for k, v in proposal.physical.items() if k not in left}
     return replace(unit, ranges=sized(given, table, *proposal.materials).ranges)
 
 
@@ -118,7 +124,9 @@ def made_of(answer: Answer, source) -> dict[str, Any]:
     from foldlab.unit.check import strained, uncertainty
 
     out = answer.as_dict()
-    out["conditions"] = "uniaxial contraction, gravity, ground; panels may pass through each other"
+    touch = answer.wish.touching is not None
+    panels = "stop at each other" if touch else "may pass through each other"
+    out["conditions"] = f"uniaxial contraction, gravity, ground; panels {panels}"
     for row, proposal in zip(out["proposals"], answer.proposals, strict=True):
         evidence = {k: v for k, v in row.pop("evidence", {}).items() if k not in CURVES}
         row |= {"fold_angle": proposal.angle, "evidence": evidence}
@@ -161,7 +169,11 @@ def told(answer: Answer, result: Mapping[str, Any]) -> tuple[list[dict], dict[st
             text += f"; tips over: {_yes(row['topples'])}"
         if p.label is not None and "full turn" in p.label.reason:
             text += "; it turns fully, as if panels could pass through each other"
+        if answer.wish.touching is not None and p.label is not None:
+            text += f"; panels {'touch' if answer.wish.touching else 'stay apart'}"
         words[str(number)] = text
+        if "strips" in p.groups:
+            words[f"{number} strips"] = _strips(p)
         words[f"{number} holds for"] = _box(p)
         if row["strain"]:
             words[f"{number} strain"] = _strain(row["strain"])
@@ -177,6 +189,15 @@ def told(answer: Answer, result: Mapping[str, Any]) -> tuple[list[dict], dict[st
     words["confirmed by"] = f"{answer.source or 'nobody; the rod says so'} ({result['conditions']})"
     words["core_seconds"] = answer.core_seconds
     return rows, words
+
+
+def _strips(p: Proposal) -> str:
+    count, cover = int(p.groups["strips"]), p.groups["strip_share"]
+    text = f"{count}, which cover {100 * cover:.3g} % of the hinge"
+    if "b_i" not in p.physical:
+        return text
+    pitch = 1e3 * p.physical["b_i"] / count
+    return f"{text}: {cover * pitch:.4g} mm wide, gaps of {(1 - cover) * pitch:.4g} mm"
 
 
 def _box(p: Proposal) -> str:

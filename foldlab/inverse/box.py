@@ -8,7 +8,7 @@ from itertools import product
 import numpy as np
 import pandas as pd
 
-from foldlab.design import FULL, RATIOS, to_groups
+from foldlab.design import FULL, RATIOS, STRIPS, to_groups
 from foldlab.inverse.draft import Draft
 from foldlab.inverse.rungs import Rungs
 from foldlab.inverse.wish import DEFAULT_MARGIN, Angle
@@ -64,10 +64,11 @@ class Box:
         values = ends[:, 0] + at * (ends[:, 1] - ends[:, 0])
         table = pd.DataFrame([self.base] * len(values))
         table[list(self.names)] = values
-        if not self.sized:
-            return table[FULL.names]
-        known = {*RATIOS, "E_s", "rho_s", "l_s", "g_earth", "contraction"}
-        return to_groups(table[[name for name in table if name in known]])[FULL.names]
+        if self.sized:
+            known = {*RATIOS, "E_s", "rho_s", "l_s", "g_earth", "contraction"}
+            table = to_groups(table[[name for name in table if name in known]])
+        cut = {name: self.groups[name] for name in STRIPS if name in self.groups}
+        return table[FULL.names].assign(**cut)
 
     def rooms(self, designs: pd.DataFrame) -> np.ndarray:
         """rad to spare by the rod, corrected, beyond the guard, shape (n,)."""

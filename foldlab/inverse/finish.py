@@ -4,6 +4,10 @@ What the rod misses of an angle at one design it misses at its neighbours too. S
 along the driver, with the rod's slope and then the solver's, meet the wish; and a box of tolerances
 is found with the rod's differences from the solver's answer. The solver then confirms the corners
 that the rod thinks worst.
+
+The solver's own derivatives (:meth:`foldlab.labels.run.Run.sensitivity`) are not asked for: of 15
+varied wishes for an angle 14 were met within :data:`CLOSE` by the rod's design and one by a step
+with the rod's slope, and all derivatives cost 0.6 core-seconds where an answer costs 0.4.
 """
 
 from __future__ import annotations
@@ -78,7 +82,7 @@ def finish(work: Work) -> Proposal:
 def as_wished(work: Work, label: Label) -> bool | None:
     """Whether the solver says of a design what was wished; an angle counts where it is stable."""
     want = work.wish.want
-    if label.foldable is not None and not _borne(work, label):
+    if label.foldable is not None and not (_borne(work, label) and _apart(work, label)):
         return False
     if not isinstance(want, Angle):
         return None if label.foldable is None else label.foldable == (want == "foldable")
@@ -102,6 +106,13 @@ def _borne(work: Work, label: Label) -> bool:
         layer in peaks and peaks[layer] * (1 + errors.get(layer, 0.3)) <= strain
         for layer, strain in most.items()
     )
+
+
+def _apart(work: Work, label: Label) -> bool:
+    """Whether the panels touch at the end, or don't, as far as the wish asks for it."""
+    asked = work.wish.touching
+    touch = any(event["kind"] == "contact" for event in label.evidence.get("events", ()))
+    return asked is None or touch is asked
 
 
 def _corrected(work: Work, draft: Draft, rungs: Rungs) -> tuple[Draft, Label, list[float]]:
@@ -149,7 +160,7 @@ def _proposal(work: Work, draft: Draft, label: Label | None, angle: float | None
     physical = draft.physical
     mass = None
     if {*MASS_COLUMNS} <= {*physical}:
-        mass = float(mass_of(pd.DataFrame([physical]))[0])
+        mass = float(mass_of(pd.DataFrame([draft.groups | physical]))[0])
     return Proposal(
         groups=draft.groups, physical=physical, materials=draft.pair, mass=mass,
         probability=None, angle=angle, margin=0.0, box={}, label=label,

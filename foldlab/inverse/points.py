@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pandas as pd
 
-from foldlab.design import FULL, RATIOS, to_physical
+from foldlab.design import PATTERNED, RATIOS, to_physical
 from foldlab.inverse.region import Region
 from foldlab.inverse.wish import SCALES
 from foldlab.materials import find_material
@@ -50,7 +50,7 @@ def named(table, pair: tuple[str | None, str | None]) -> tuple[str | None, str |
 
 def spread(groups, physical, margin, n: int) -> list[int]:
     """Greedy choice: the most robust first, then far from all chosen and robust."""
-    columns = [FULL[name].to_unit(groups[name].to_numpy()) for name in groups]
+    columns = [PATTERNED[name].to_unit(groups[name].to_numpy()) for name in groups]
     columns += [np.log10(physical[name].fillna(1.0)) / 3 for name in SCALES if name in physical]
     points = np.column_stack(columns)
     weight = np.sqrt(margin + 1e-3)
@@ -75,9 +75,10 @@ def columns_of(region: Region, x: np.ndarray) -> dict[str, np.ndarray]:
     wish = region.wish
     columns = {}
     for k, name in enumerate(region.names):
-        if name in FULL.names:
-            p = wish.space[name] if name in wish.space.names else FULL[name]
+        if name in PATTERNED.names:
+            p = wish.space[name] if name in wish.space.names else PATTERNED[name]
             low, high = wish.ranges.get(name, (p.low, p.high))
             values = np.clip(10.0 ** x[:, k], low, high)
+            values = np.rint(values) if p.whole else values
             columns[name] = np.full(len(x), wish.fixed[name]) if name in wish.fixed else values
     return columns

@@ -39,6 +39,11 @@ def propose(wish: Wish, classifier=None, n: int = 5, *, seed: int, angle_model=N
     """
     if n < 1:
         raise InputError(f"n = {n}; ask for at least one design")
+    if wish.patterned or wish.touching is not None:
+        raise InputError(
+            "strips and panels that touch are known to the solver only, under weight; wish for "
+            "neither where nothing weighs"
+        )
     start = time.perf_counter()
     score = Score(wish, classifier, angle_model)
     table = read_materials(wish.materials) if wish.passive or wish.active else None

@@ -14,7 +14,7 @@ import numpy as np
 from scipy.linalg import null_space
 from scipy.optimize import linprog, minimize
 
-from foldlab.design import FULL, PHYSICAL
+from foldlab.design import PATTERNED, PHYSICAL
 from foldlab.errors import InputError
 from foldlab.inverse.wish import SCALES, Limit, Wish, mass_of, quantities_of
 
@@ -32,7 +32,7 @@ class Region:
         """Raises :class:`InputError` where no design meets all limits, naming those to blame."""
         self.wish, self.limits = wish, tuple(limits)
         used = {name for limit in self.limits for name in limit.powers}
-        names = [name for name in (*FULL.names, *SCALES, "g_earth") if name in used]
+        names = [name for name in (*PATTERNED.names, *SCALES, "g_earth") if name in used]
         self.names = names
         rows = np.array([[limit.powers.get(name, 0.0) for name in names] for limit in self.limits])
         low = np.array([limit.low for limit in self.limits])

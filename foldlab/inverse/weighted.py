@@ -19,7 +19,7 @@ import numpy as np
 import pandas as pd
 from scipy.optimize import brentq
 
-from foldlab.design import FULL
+from foldlab.design import FULL, PATTERNED
 from foldlab.errors import InputError
 from foldlab.inverse.answer import Answer, Proposal
 from foldlab.inverse.box import Box
@@ -28,7 +28,7 @@ from foldlab.inverse.finish import ANSWERS, by_rod, finish
 from foldlab.inverse.points import columns_of, groups_of, named, spread
 from foldlab.inverse.propose import climb
 from foldlab.inverse.region import Region
-from foldlab.inverse.rungs import NEAR, SPACE, Rungs, answered, turned
+from foldlab.inverse.rungs import CUT_SPACE, NEAR, SPACE, Rungs, answered, turned
 from foldlab.inverse.wish import Angle, Wish, limits_of, scales_of
 from foldlab.materials import read_materials
 
@@ -116,7 +116,7 @@ def drafts(
     """At most ``n`` diverse designs that do as wished by the rod, with the wished margin."""
     found = Found([], -np.inf)
     for meet, rocking in product((False, True), (False, True)):
-        if rocking and not wish.stands:
+        if (rocking and not wish.stands) or (wish.touching and not meet):
             continue
         rungs, rng = Rungs(wish, model, meet, rocking), np.random.default_rng(seed)
         tries = [_search(rungs, region, pair, n, rng, walkers) for pair, region in regions]
@@ -254,7 +254,11 @@ def weighted(
         raise InputError(f"n = {n}; ask for at least one design")
     start = time.perf_counter()
     # Where it is known what a unit weighs, it may weigh next to nothing.
-    wish = replace(wish, space=SPACE if all(scales_of(wish).values()) else FULL)
+    if all(scales_of(wish).values()):
+        wish = replace(wish, space=CUT_SPACE if wish.patterned else SPACE)
+    else:
+        wish = replace(wish, space=PATTERNED if wish.patterned else FULL)
+    _feels(wish, source, model, confirmed)
     if isinstance(wish.want, Angle) and wish.want.value >= 2 * np.pi:
         raise InputError(
             f"a fold angle of {wish.want.value:g} rad; a unit turns by less than a full turn"
@@ -310,19 +314,42 @@ def weighted(
     )  # fmt: skip
 
 
+def _feels(wish: Wish, source, model, confirmed: bool) -> None:
+    """Raises :class:`InputError` where who is asked can't tell what is wished."""
+    if wish.touching is not None:
+        terms = source.conditions.terms if hasattr(source, "conditions") else ()
+        if not confirmed or "contact" not in terms:
+            raise InputError(
+                "whether panels touch is told by the solver with contact among its effects; let "
+                "it confirm, or wish nothing of the panels"
+            )
+    if wish.patterned and not getattr(source, "patterned", False):
+        raise InputError(
+            f"the source {source.name} knows solid active layers only, and the wish cuts them in "
+            "strips; take --source solver"
+        )
+    if wish.patterned and model is not None:
+        raise InputError(
+            "the model knows solid active layers only, and the wish cuts them in strips; leave it "
+            "out: a rod proposes"
+        )
+
+
 def forecast(some: list[Draft], n: int, source, confirmed: bool) -> str:
     """What confirming will cost, in a sentence."""
     from foldlab.labels.forecast import forecast as of_label
 
     if not confirmed:
         return f"{len(some)} designs by the rod; the solver is not asked"
-    seconds = 0.0
-    if source.name == "solver":
-        costs = [of_label(draft.groups, source) for draft in some[:n]]
-        seconds = ANSWERS * sum(cost.seconds for cost in costs if cost is not None)
+    costs = (
+        [of_label(draft.groups, source) for draft in some[:n]] if source.name == "solver" else []
+    )
+    cost = "nobody knows at what cost"
+    if costs and all(costs):
+        cost = f"about {ANSWERS * sum(cost.seconds for cost in costs):.2g} core-seconds"
     return (
         f"{len(some)} designs by the rod; the {source.name} is asked of {min(n, len(some))} and "
-        f"their boxes, about {seconds:.2g} core-seconds"
+        f"their boxes, {cost}"
     )
 
 

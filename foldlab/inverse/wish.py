@@ -4,7 +4,9 @@ Every limited quantity is a product of powers of the groups and of four scales (
 g_earth), so in logarithms every limit is linear and all limits together are a polytope, which
 :class:`Region` samples. Mass and total thickness are sums of such products and come on top:
 
-    mass = rho_s h_s [b_s (l_s − l_i) + b_i l_i] + rho_i h_i b_i l_i,   thickness = h_s + h_i.
+    mass = rho_s h_s [b_s (l_s − l_i) + b_i l_i] + rho_i h_i b_i l_i f,   thickness = h_s + h_i,
+
+where f is the fraction of the hinge that strips cover, 1 of a solid layer.
 
 Groups outside the searched space (in the reduced space: widths, hinge length, densities,
 contraction) are *carried* where a limit touches them: they matter for mass, size and angle only.
@@ -21,11 +23,12 @@ import numpy as np
 import pandas as pd
 
 from foldlab.design import (
-    FULL,
+    PATTERNED,
     PHYSICAL,
     RATIOS,
     REDUCED,
     STANDARD_GRAVITY,
+    STRIPS,
     DesignSpace,
     Parameter,
     groups_from_settings,
@@ -67,17 +70,20 @@ class Wish:
     """A wanted behaviour and what limits the design.
 
     ``want``: 'foldable', 'flat' (does not fold) or an :class:`Angle`. ``fixed`` and ``ranges``:
-    groups (``design.FULL``) and physical quantities (SI, ``design.PHYSICAL``) by name. ``passive``,
-    ``active``: names from the shipped table and that of ``materials`` (a CSV path, see
+    groups (``design.PATTERNED``) and physical quantities (SI, ``design.PHYSICAL``) by name.
+    ``passive``, ``active``: names from the shipped table and that of ``materials`` (a CSV path, see
     :mod:`foldlab.materials`), whose ranges of E, rho and contraction hold; several names are
     alternatives. ``max_mass`` in kg; the
     sizes of the flat unit in m, the thickness including the active layer.
 
     ``margin``: half-width, as a fraction of each group's bounds on its own scale (max norm in the
     unit cube), of the box around a design in which it must still do what is wanted, by prediction;
-    0.02 by default, which is 0.12 decades of E_i/E_s, and 0 for an angle. ``min_probability`` that
-    the predicted label is the wanted one. Under weight, ``stands``: let go, it doesn't topple;
-    ``strain_margin``: fraction by which its peak strains stay below what its materials surely bear.
+    0.02 by default, which is 0.12 decades of E_i/E_s, and 0 for an angle or panels that touch.
+    ``min_probability`` that the predicted label is the wanted one. Under weight, ``stands``: let
+    go, it doesn't topple;
+    ``strain_margin``: fraction by which its peak strains stay below what its materials surely bear;
+    ``touching``: whether its panels touch each other at the end, None where either will do.
+    Where strips are limited (``strips``, ``strip_share``) the active layer is cut in strips.
 
     Raises :class:`InputError` for unknown names, values out of bounds, quantities limited twice.
     """
@@ -97,19 +103,15 @@ class Wish:
     min_probability: float = 0.5
     stands: bool = False
     strain_margin: float | None = None
+    touching: bool | None = None
 
     def __post_init__(self):
-        if counts := [p.name for p in self.space if p.whole]:
-            raise InputError(
-                f"the {self.space.name} space counts {', '.join(counts)} in whole numbers, and a "
-                "wish knows continuous quantities only; take the full space"
-            )
         if not (isinstance(self.want, Angle) or self.want in ("foldable", "flat")):
             raise InputError(f"want = {self.want!r}; expected 'foldable', 'flat' or an Angle")
         for name in (*self.fixed, *self.ranges):
-            if name not in FULL.names and name not in PHYSICAL:
+            if name not in PATTERNED.names and name not in PHYSICAL:
                 raise InputError(
-                    f"no quantity {name!r}; groups: {', '.join(FULL.names)}; "
+                    f"no quantity {name!r}; groups: {', '.join(PATTERNED.names)}; "
                     f"physical: {', '.join(PHYSICAL)}"
                 )
         twice = [name for name in self.ranges if name in self.fixed]
@@ -131,9 +133,8 @@ class Wish:
             if value is not None and not 0 < value < np.inf:
                 raise InputError(f"{name} = {value:g}; expected a number above 0 (kg, m)")
         if self.margin is None:
-            object.__setattr__(
-                self, "margin", 0.0 if isinstance(self.want, Angle) else DEFAULT_MARGIN
-            )
+            narrow = isinstance(self.want, Angle) or self.touching
+            object.__setattr__(self, "margin", 0.0 if narrow else DEFAULT_MARGIN)
         if not 0 <= self.margin < 0.5:
             raise InputError(
                 f"margin = {self.margin:g}; expected a fraction of the bounds, 0 … below 0.5"
@@ -145,6 +146,15 @@ class Wish:
         if not 0.5 <= self.min_probability < 1:
             raise InputError(f"min_probability = {self.min_probability:g}; expected 0.5 … below 1")
 
+        if self.touching and self.want != "foldable":
+            aim = "stay flat never touch" if self.want == "flat" else "touch set the angle"
+            raise InputError(f"panels that {aim}: wish for panels that touch with 'foldable' only")
+
+    @property
+    def patterned(self) -> bool:
+        """Whether the active layer is cut in strips."""
+        return any(name in {*self.fixed, *self.ranges, *self.space.names} for name in STRIPS)
+
     @property
     def pairs(self) -> list[tuple[str | None, str | None]]:
         """Every combination of a passive and an active material; None where none is named."""
@@ -152,8 +162,8 @@ class Wish:
 
 
 def _check_value(space: DesignSpace, name: str, value: float) -> None:
-    if name in space.names or name in FULL.names:
-        groups_from_settings({name: value}, space if name in space.names else FULL)
+    if name in PATTERNED.names:
+        groups_from_settings({name: value}, space if name in space.names else PATTERNED)
     elif not 0 < value < np.inf:
         raise InputError(f"{name} = {value:g}; expected a number above 0 in {PHYSICAL[name]}")
 
@@ -234,9 +244,9 @@ def limits_of(wish: Wish, pair: tuple[str | None, str | None], table=None) -> li
         law = {"E_s": 1.0, "slenderness": 2.0, "rho_s": -1.0, "g_earth": -1.0, "l_s": -1.0}
         law["stiffness_to_weight"] = -1.0
         limits.append(Limit("Gamma", law, 0.0, 0.0, "the definition of Γ", soft=False))
-    for name in FULL.names + list(SCALES):
+    for name in PATTERNED.names + list(SCALES):
         if name in variables:
-            p = _parameter(wish, name) if name in FULL.names else None
+            p = _parameter(wish, name) if name in PATTERNED.names else None
             low, high = (p.low, p.high) if p else SCALES[name]
             bound = limit(name, low, high, " (the bounds)")
             limits.append(replace(bound, soft=False))
@@ -244,7 +254,7 @@ def limits_of(wish: Wish, pair: tuple[str | None, str | None], table=None) -> li
 
 
 def _parameter(wish: Wish, name: str) -> Parameter:
-    return wish.space[name] if name in wish.space.names else FULL[name]
+    return wish.space[name] if name in wish.space.names else PATTERNED[name]
 
 
 def box_parameters(wish: Wish) -> list[Parameter]:
@@ -252,7 +262,7 @@ def box_parameters(wish: Wish) -> list[Parameter]:
     extra = ("hinge_length", "contraction") if isinstance(wish.want, Angle) else ()
     return [
         *wish.space.parameters,
-        *(FULL[name] for name in extra if name not in wish.space.names),
+        *(PATTERNED[name] for name in extra if name not in wish.space.names),
     ]
 
 
@@ -270,11 +280,20 @@ def scales_of(wish: Wish) -> dict[str, bool]:
 
 
 def mass_of(quantities: pd.DataFrame) -> np.ndarray:
-    """Mass of the unit in kg, shape (n,), from SI columns rho, l, b, h of both layers."""
+    """Mass of the unit in kg, shape (n,), from SI columns rho, l, b, h of both layers and, of
+    strips, ``strip_share``."""
+    return sum(masses_of(quantities).values())
+
+
+def masses_of(quantities: pd.DataFrame) -> dict[str, np.ndarray]:
+    """As :func:`mass_of`, of the passive and of the active layer."""
     q = quantities
     sheet = q["b_s"] * (q["l_s"] - q["l_i"]) + q["b_i"] * q["l_i"]
-    active = q["rho_i"] * q["h_i"] * q["b_i"] * q["l_i"]
-    return (q["rho_s"] * q["h_s"] * sheet + active).to_numpy()
+    covered = q["b_i"] * q["l_i"] * q.get("strip_share", 1.0)
+    return {
+        "passive": (q["rho_s"] * q["h_s"] * sheet).to_numpy(),
+        "active": (q["rho_i"] * q["h_i"] * covered).to_numpy(),
+    }
 
 
 def quantities_of(logs: np.ndarray, names: list[str]) -> pd.DataFrame:

@@ -94,15 +94,21 @@ class RodSource:
         table = self.space.validate(designs, bounds=False)
         return [self._label(groups) for groups in table[self.space.names].to_dict("records")]
 
-    def _label(self, design: dict[str, float]) -> Label:
+    def bent(self, design: Mapping[str, float]) -> Bent:
+        """The rod of a design; raises :class:`InputError` as :meth:`label` does."""
+        return self._bent(self.space.validate_one(design, bounds=False))
+
+    def _bent(self, design: dict[str, float]) -> Bent:
         from solver.cases.unit.rod import bend
         from solver.cases.unit.unit import Unit
 
         try:
-            bent = bend(Unit(**design), heavy=self.conditions.heavy)
+            return bend(Unit(**design), heavy=self.conditions.heavy)
         except ValueError as error:
             raise InputError(f"the design is no rod: {error}") from error
-        foldable, reason, evidence = self._judged(design, bent)
+
+    def _label(self, design: dict[str, float]) -> Label:
+        foldable, reason, evidence = self._judged(design, self._bent(design))
         return Label(design, foldable, reason, evidence, self.name, self.version)
 
     def _judged(self, design, bent: Bent) -> tuple[bool | None, str, dict[str, Any]]:

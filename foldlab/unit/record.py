@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from foldlab.design import FULL, PATTERNED, DesignSpace
+from foldlab.design import FULL, PATTERNED, STRIPS, DesignSpace
 from foldlab.errors import InputError
 from foldlab.labels.label import Label
 from foldlab.labels.run import Run
@@ -20,10 +20,6 @@ from foldlab.terminal import note, plain
 
 # A hinge as wide as its panels and as dense: what a design is that says nothing of them.
 DEFAULTS = {"rho_ratio": 1.0, "hinge_width": 1.0}
-
-# What makes a design one of the patterned space.
-STRIPS = ("strips", "strip_share")
-
 
 # Without weight these act nowhere.
 WEIGHT = ("rho_ratio", "stiffness_to_weight")

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 import pandas as pd
 
-from foldlab.design import FULL, PATTERNED, PHYSICAL, RATIOS, STANDARD_GRAVITY, to_groups
+from foldlab.design import FULL, PATTERNED, PHYSICAL, RATIOS, STANDARD_GRAVITY, STRIPS, to_groups
 from foldlab.errors import InputError
 from foldlab.materials import find_material
 
@@ -20,8 +20,6 @@ OF_MATERIAL = {
     "active": {"E_i": "E", "rho_i": "rho", "contraction": "contraction"},
 }
 LOGARITHMIC = ("E_s", "E_i")
-# Groups that no quantity of the unit says: how its active layer is cut.
-PATTERN = ("strips", "strip_share")
 
 
 @dataclass(frozen=True)
@@ -46,7 +44,7 @@ class Sized:
         physical = dict(self.physical) | quantities
         if "b_s" in quantities and self.physical["b_i"] == self.physical["b_s"]:
             physical["b_i"] = physical["b_s"]
-        pattern = {name: self.groups[name] for name in PATTERN if name in self.groups}
+        pattern = {name: self.groups[name] for name in STRIPS if name in self.groups}
         return replace(self, physical=physical, groups=_groups(physical) | pattern)
 
     def drawn(self, n: int, seed: int = 0) -> pd.DataFrame:
@@ -88,9 +86,9 @@ def sized(
             raise InputError(f"{name} = {value:g}; expected a finite number above 0")
     physical = {name: float(value) for name, value in given.items() if name in PHYSICAL}
     groups = {name: float(value) for name, value in given.items() if name not in PHYSICAL}
-    pattern = {name: groups.pop(name) for name in PATTERN if name in groups}
+    pattern = {name: groups.pop(name) for name in STRIPS if name in groups}
     if len(pattern) == 1:
-        (absent,) = set(PATTERN) - set(pattern)
+        (absent,) = set(STRIPS) - set(pattern)
         raise InputError(
             f"strips need their number and how much of the hinge they cover; add --set {absent}=…"
         )

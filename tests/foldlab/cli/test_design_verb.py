@@ -114,6 +114,12 @@ def test_a_size_that_is_too_large_is_answered_with_one_that_is_not(foldlab, quic
         (f"{SHEET} --want angle=1 --angle 1", "once"),
         (f"{SHEET} --range h_s=1mm", "expected NAME=LOW:HIGH"),
         (f"{SHEET} --want angle=400deg", "less than a full turn"),
+        (f"{SHEET} --panels-touch --no-confirm", "told by the solver with contact"),
+        (f"{SHEET} --panels-touch --want angle=90deg", "panels that touch set the angle"),
+        (f"{SHEET} --panels-apart --source rod", "take --source solver"),
+        (f"{SHEET} --panels-apart --weightless", "--panels-apart and strips are told by the"),
+        (f"{SHEET} --set strips=5 --source rod", "take --source solver"),
+        (f"{SHEET} --set strips=2.5", "give whole numbers"),
     ],
 )
 def test_what_cannot_be_felt_or_read_is_refused_in_one_sentence(

@@ -7,7 +7,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from foldlab.design import FULL, PATTERNED, REDUCED, to_groups
+from foldlab.design import FULL, REDUCED, to_groups
 from foldlab.errors import InputError
 from foldlab.inverse.confirm import confirm
 from foldlab.inverse.propose import propose
@@ -357,7 +357,6 @@ def test_a_single_allowed_design_is_proposed_once():
 @pytest.mark.parametrize(
     ("wish", "words"),
     [
-        ({"space": PATTERNED}, "counts strips in whole numbers"),
         ({"want": "folded"}, "expected 'foldable'"),
         ({"fixed": {"E_raito": 1.0}}, "no quantity 'E_raito'"),
         ({"fixed": {"slenderness": 0.5}}, "outside"),
