@@ -25,6 +25,7 @@ if TYPE_CHECKING:
 # What a reader is told of each file.
 FILES = {
     "report.html": "the answer on a page",
+    "folded.png": "the unit, flat to folded",
     "drawing.svg": "dimensioned drawing, in layers",
     "drawing.pdf": "the same to print, to scale",
     "cut.dxf": "for the cutter, 1:1 in mm; layers outline, active, strips",
@@ -111,7 +112,7 @@ class Dossier:
 def write(folder: Path, dossier: Dossier) -> dict[str, str]:
     """Writes the files of :data:`FILES` into a folder; why each that is missing could not be."""
     from foldlab.making import step, stl
-    from foldlab.making.report import html
+    from foldlab.making.report import folded, html
 
     unit, missing = dossier.geometry, dossier.missing
     drawing = draw(unit, dossier.title, _notes(dossier))
@@ -133,9 +134,14 @@ def write(folder: Path, dossier: Dossier) -> dict[str, str]:
     else:
         for name in ("folded.step", *(f"folded-{layer}.stl" for layer in LAYERS)):
             missing[name] = "the solver gave no shape"
+    picture = folded(dossier)
+    if picture is None:
+        missing["folded.png"] = "the solver gave no shape"
+    else:
+        (folder / "folded.png").write_bytes(picture)
     creases = fold(unit, middle, dossier.title)
     (folder / "unit.fold").write_text(json.dumps(creases), encoding="utf-8")
-    (folder / "report.html").write_text(html(dossier, drawing), encoding="utf-8")
+    (folder / "report.html").write_text(html(dossier, drawing, picture), encoding="utf-8")
     text = json.dumps(plain(_facts(dossier)), allow_nan=False, indent=1)
     (folder / "unit.json").write_text(text, encoding="utf-8")
     return missing

@@ -55,8 +55,8 @@ ul.small {{ columns: 2; padding: 0; margin: 0; list-style: none; }} sub {{ line-
 """
 
 
-def html(dossier: Dossier, drawing: Drawing) -> str:
-    """The page's text."""
+def html(dossier: Dossier, drawing: Drawing, picture: bytes | None) -> str:
+    """The page's text; ``picture``: that of :func:`folded`."""
     foldable = dossier.answer.get("foldable")
     verdict = {True: "It folds", False: "It does not fold", None: "Unknown"}[foldable]
     angle = dossier.told.get("angle", "–").split(",")[0]
@@ -68,10 +68,10 @@ def html(dossier: Dossier, drawing: Drawing) -> str:
         colour={True: "#1B6E3C", False: "#A3261B", None: "#6B5B00"}[foldable],
         verdict=escape(verdict),
         why=_words(dossier.told.get("why", "")),
-        picture=_picture(dossier),
+        picture="" if picture is None else _image(picture, "the unit, flat to folded"),
         rows="".join(_row(name, words) for name, words in _facts(dossier).items()),
         chart=_chart(dossier),
-        drawing=_views(drawing),
+        drawing=views(drawing),
         files=_files(dossier),
     )
 
@@ -136,20 +136,21 @@ def _confirmed(dossier: Dossier) -> str:
     return f"{words} (version {source.version}){rod}"
 
 
-def _picture(dossier: Dossier) -> str:
-    """The folding unit: a rendered picture where there is one, else from the side."""
+def folded(dossier: Dossier) -> bytes | None:
+    """PNG of the unit, flat to folded: a rendered picture where there is one, else from the side;
+    None where the solver gave no shape."""
     from foldlab.unit.plots import plot_side
 
     if dossier.picture is not None and dossier.picture.exists():
-        return _image(dossier.picture.read_bytes(), "the unit, flat to folded")
+        return dossier.picture.read_bytes()
     if dossier.run is None or not dossier.run.shapes:
-        return ""
+        return None
     shapes = [dossier.run.shapes[k] for k in (0, -1)]
     curves = np.stack([shape.state.curves for shape in shapes])
     heavy = dossier.source.conditions.heavy
     titles = [f"{100 * dossier.run.history[k]['contraction']:.3g} % contraction" for k in (0, -1)]
     figure = plot_side(curves, dossier.unit.groups, titles, ground=heavy)
-    return _image(_png(figure), "the unit from the side, flat and as it ends")
+    return _png(figure)
 
 
 def _chart(dossier: Dossier) -> str:
@@ -187,13 +188,14 @@ def _files(dossier: Dossier) -> str:
     return "".join(f"<li><b>{escape(k)}</b> {escape(v)}</li>" for k, v in told.items())
 
 
-def _views(drawing: Drawing) -> str:
-    """The drawing's views as inline SVG, without its frame and title."""
+def views(drawing: Drawing) -> str:
+    """The drawing's views as SVG to stand in a page, without its frame and title."""
     x0, y0, x1, y1 = drawing.box
     pad, high = 3.0, drawing.size[1]
     box = f"{x0 - pad:g} {high - y1 - pad:g} {x1 - x0 + 2 * pad:g} {y1 - y0 + 2 * pad:g}"
     text = svg(replace(drawing, items=[i for i in drawing.items if i.layer != "notes"]))
-    text = re.sub(r"^<\?xml.*?\?>\s*", "", text)
+    # Layers have ids, and a page may hold several drawings.
+    text = re.sub(r'^<\?xml.*?\?>\s*|(?<=<g) id="[^"]*"', "", text)
     return re.sub(
         r'width="\S+mm" height="\S+mm" viewBox="[^"]*"', f'viewBox="{box}"', text, count=1
     )

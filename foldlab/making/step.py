@@ -59,7 +59,11 @@ def write_folded(path: Path, unit: Geometry, folded: Folded) -> None:
 @contextmanager
 def _cad(path: Path):
     """Gmsh's OpenCASCADE and a function that names volumes; writes the file in the end."""
-    import gmsh
+    try:
+        import gmsh
+    except OSError as error:
+        # On a machine without a desktop it lacks X libraries.
+        raise ImportError(f"Gmsh can't be loaded ({error}; Debian: libglu1-mesa)") from error
 
     owner = not gmsh.isInitialized()
     if owner:

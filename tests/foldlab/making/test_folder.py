@@ -2,6 +2,7 @@
 
 import json
 import re
+import sys
 from base64 import b64encode
 from dataclasses import replace
 from html.parser import HTMLParser
@@ -112,6 +113,7 @@ def test_the_report_is_a_page_that_needs_no_network(dossier, tmp_path):
     picture.write_bytes(b"\x89PNG mine")
     write(tmp_path, replace(dossier, picture=picture))
     assert b64encode(picture.read_bytes()).decode() in (tmp_path / "report.html").read_text()
+    assert (tmp_path / "folded.png").read_bytes() == picture.read_bytes()
 
 
 def test_what_cannot_be_written_is_told_and_the_rest_is_there(dossier, tmp_path, monkeypatch):
@@ -132,6 +134,23 @@ def test_what_cannot_be_written_is_told_and_the_rest_is_there(dossier, tmp_path,
     assert json.loads((tmp_path / "unit.json").read_text())["missing"] == missing
     words = Page((tmp_path / "report.html").read_text()).words
     assert any("not written: No module named 'ezdxf'" in w for w in words)
+
+
+def test_gmsh_without_its_x_libraries_is_told_and_the_rest_is_there(dossier, tmp_path, monkeypatch):
+    """Importing it raises OSError there, which ended the verb after all its work."""
+
+    class Bare:
+        @staticmethod
+        def find_spec(name, path=None, target=None):
+            if name == "gmsh":
+                raise OSError("libGLU.so.1: cannot open shared object file")
+
+    monkeypatch.delitem(sys.modules, "gmsh", raising=False)
+    monkeypatch.setattr(sys, "meta_path", [Bare, *sys.meta_path])
+    missing = write(tmp_path, replace(dossier, missing={}))
+    assert set(missing) == {"flat.step", "folded.step"}
+    assert all("libGLU.so.1" in why and "libglu1-mesa" in why for why in missing.values())
+    assert {path.name for path in tmp_path.iterdir()} == set(FILES) - set(missing)
 
 
 def test_a_path_that_ended_early_is_no_folded_shape_without_a_word(dossier, tmp_path):
@@ -165,7 +184,7 @@ def test_without_a_run_there_is_no_folded_shape_and_no_price_is_made_up(tmp_path
     bare = Dossier(unit, answer, {}, SolverSource())
     missing = write(tmp_path, bare)
     assert {n for n in missing if n.startswith("folded")} == {
-        "folded.step", "folded-passive.stl", "folded-active.stl"
+        "folded.png", "folded.step", "folded-passive.stl", "folded-active.stl"
     }  # fmt: skip
     words = " ".join(Page((tmp_path / "report.html").read_text()).words)
     assert "Unknown" in words and "needs price_low and price_high per kg of both" in words
@@ -187,7 +206,6 @@ def test_prices_are_read_from_a_users_table_and_none_are_shipped(tmp_path):
 
 def test_making_loads_neither_gmsh_nor_ezdxf_before_they_are_used():
     import subprocess
-    import sys
 
     code = (
         "import sys, foldlab.cli.app, foldlab.making.folder, foldlab.making.step, "
