@@ -18,7 +18,6 @@ import pandas as pd
 from experiments.common import main, save_figure
 from foldlab.datasets import load_dataset
 from foldlab.design import FULL
-from foldlab.errors import InputError
 from foldlab.learning.along import states_as_labels
 from foldlab.learning.augment import STRATEGIES, Plan, augment, labels_to_reach
 from foldlab.learning.models import make_classifier
@@ -50,8 +49,6 @@ def run(config: Config, tracker) -> dict[str, Any]:
         shuffled = table.sample(frac=1.0, random_state=seed)
         known = shuffled[shuffled["foldable"].notna()]
         test, pool = known.iloc[: config.test], shuffled.drop(known.index[: config.test])
-        if len(pool) < config.plan.initial + config.plan.per_cycle * config.plan.cycles:
-            raise InputError(f"{len(pool)} labels are fewer than the plan asks for")
         truth = test[FULL.names], test["foldable"].to_numpy(bool)
         for strategy in STRATEGIES:
             for states in (False, True):
@@ -77,19 +74,10 @@ def run(config: Config, tracker) -> dict[str, Any]:
     figure = plot_learning_curves(curves, target=config.targets[-1], as_error=True)
     save_figure(figure, "gravity_augmentation")
     tracker.figure("gravity_augmentation", figure)
-    rows = []
-    for name, own in curves.groupby("strategy"):
-        for target in config.targets:
-            labels = labels_to_reach(own, target)
-            at = own.groupby("labels")["core_seconds"].median()
-            costs = np.interp(labels, at.index, at) if np.isfinite(labels) else None
-            rows.append(
-                {"strategy": name, "accuracy": target, "labels": labels, "core_seconds": costs}
-            )
-    ratios = ratios_of(rows, config.targets)
+    rows = reached_by(curves, config.targets)
     final = curves[curves["labels"] == curves["labels"].max()].groupby("strategy")["accuracy"]
     return {
-        "ratio": ratios,
+        "ratio": ratios_of(rows, config.targets),
         "final_accuracy": final.median().to_dict(),
         "final_labels": int(curves["labels"].max()),
         "test_labels": config.test,
@@ -98,6 +86,21 @@ def run(config: Config, tracker) -> dict[str, Any]:
             {**row, "labels": row["labels"] if np.isfinite(row["labels"]) else None} for row in rows
         ],
     }
+
+
+def reached_by(curves: pd.DataFrame, targets: tuple[float, ...]) -> list[dict[str, Any]]:
+    """Labels, and core-seconds of them in the median over seeds, at which each strategy reaches
+    each accuracy; infinitely many and None where it doesn't."""
+    rows = []
+    for name, own in curves.groupby("strategy"):
+        at = own.groupby("labels")["core_seconds"].median()
+        for target in targets:
+            labels = labels_to_reach(own, target)
+            costs = float(np.interp(labels, at.index, at)) if np.isfinite(labels) else None
+            rows.append(
+                {"strategy": name, "accuracy": target, "labels": labels, "core_seconds": costs}
+            )
+    return rows
 
 
 def ratios_of(rows: list[dict[str, Any]], targets: tuple[float, ...]) -> dict[str, float | None]:

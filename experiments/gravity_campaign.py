@@ -52,18 +52,23 @@ def run(config: Config, tracker) -> dict[str, Any]:
     path.parent.mkdir(exist_ok=True)
     started = time.perf_counter()
     designs = [SHEETS.sample(config.size, seed=config.seed + k) for k in range(config.pieces)]
-    rates = []
     with LabelStore(path) as store:
         for k, piece in enumerate(designs):
             report = run_campaign(piece, source, store, workers=config.workers, progress=False)
-            rates.append(report.rate)
             print(f"piece {k}: {report.outcome}", report.as_dict(), file=sys.stderr, flush=True)
         frame = store.frame(source.name, source.version)
     wanted = pd.concat(designs)[FULL.names]
     frame = frame.merge(wanted, on=FULL.names)
-    wall = time.perf_counter() - started
+    tracker.table("labels", frame.drop(columns=["curves", "history"], errors="ignore"))
+    figure = picture(frame)
+    save_figure(figure, "gravity_campaign")
+    tracker.figure("gravity_campaign", figure)
+    return summary(frame, config, time.perf_counter() - started)
+
+
+def summary(frame: pd.DataFrame, config: Config, wall: float) -> dict[str, Any]:
+    """What the labels cost and say; ``wall``: seconds that making them took."""
     seconds = frame["core_seconds"]
-    known = frame["foldable"].notna()
     error = pd.to_numeric(frame["error_estimate"], errors="coerce")
     table = (
         frame.groupby("outcome")
@@ -71,10 +76,6 @@ def run(config: Config, tracker) -> dict[str, Any]:
         .sort_values("labels", ascending=False)
         .reset_index()
     )
-    tracker.table("labels", frame.drop(columns=["curves", "history"], errors="ignore"))
-    figure = picture(frame)
-    save_figure(figure, "gravity_campaign")
-    tracker.figure("gravity_campaign", figure)
     return {
         "labels": len(frame),
         "core_seconds_median": float(seconds.median()),
@@ -84,7 +85,7 @@ def run(config: Config, tracker) -> dict[str, Any]:
         "error_within": float((error <= config.accuracy).mean()),
         "peak_memory_mb_median": float(frame["peak_memory_mb"].median()),
         "peak_memory_mb_most": float(frame["peak_memory_mb"].max()),
-        "stable_or_reason": float(known.mean()),
+        "stable_or_reason": float(frame["foldable"].notna().mean()),
         "folds": int((frame["foldable"] == True).sum()),  # noqa: E712
         "outcomes": dict(Counter(frame["outcome"])),
         "wall_seconds": wall,

@@ -69,18 +69,20 @@ def run(config: Config, tracker) -> dict[str, Any]:
     path.parent.mkdir(exist_ok=True)
     pieces = [_piece(config, k, path) for k in range(config.first, config.first + config.pieces)]
     table = pd.concat(pieces)
-    known = table["foldable"].notna()
     tracker.table("labels", table.drop(columns=["history"], errors="ignore"))
     figure = picture(table)
     save_figure(figure, f"gravity_dataset_{config.growth}")
     tracker.figure(f"gravity_dataset_{config.growth}", figure)
+    return {"growth": config.growth, "pieces": config.pieces, **summary(table)}
+
+
+def summary(table: pd.DataFrame) -> dict[str, Any]:
+    """Counts of the labels, also by how they were drawn and by part, and what they cost."""
     parts = table.groupby(["drawn", "part"])["foldable"]
     counts = parts.agg(labels="size", known="count", folds="sum").astype(int).reset_index()
     return {
-        "growth": config.growth,
-        "pieces": config.pieces,
         "labels": len(table),
-        "unknown": int((~known).sum()),
+        "unknown": int(table["foldable"].isna().sum()),
         "folds": int((table["foldable"] == True).sum()),  # noqa: E712
         "outcomes": dict(Counter(table["outcome"])),
         "core_seconds_median": float(table["core_seconds"].median()),
