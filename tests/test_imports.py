@@ -28,6 +28,9 @@ MAY = {
         "solver.cases", "solver.mesh", "solver.physics", "solver.equilibrium", "solver.paths",
         "solver.output",
     },
+    "solver.cases.structure": {
+        "solver.cases.unit", "solver.mesh", "solver.physics", "solver.equilibrium", "solver.paths"
+    },
     "solver.cases.lung": {
         "solver.cases", "solver.mesh", "solver.physics", "solver.equilibrium", "solver.paths"
     },

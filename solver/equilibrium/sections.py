@@ -82,10 +82,10 @@ class FreeSections:
         r, rest = X - c[self.of], du - d[self.of]
         w = self._turns(r, rest)
         mean, line = (w[1:] + w[:-1]) / 2, np.diff(c, axis=0)
-        lines = _turned(mean, line + np.diff(d, axis=0) - np.cross(mean, line))
+        lines = turned(mean, line + np.diff(d, axis=0) - np.cross(mean, line))
         new = self._chained(c + d, lines)
         of_node = w[self.of]
-        out = new[self.of] - X + _turned(of_node, r + rest - np.cross(of_node, r))
+        out = new[self.of] - X + turned(of_node, r + rest - np.cross(of_node, r))
         if self.grounded:
             out[:, 2] += _rise(X + out, X + du)
         return out
@@ -99,13 +99,13 @@ class FreeSections:
             # No section turns by more than π against its neighbour.
             s = self.middle + direction
             while 0 <= s < len(w):
-                w[s] = _nearest(w[s], w[s - direction])
+                w[s] = nearest(w[s], w[s - direction])
                 s += direction
         mean, line = (w[1:] + w[:-1]) / 2, np.diff(c, axis=0)
-        lines = np.cross(mean, line) + _turned(-mean, np.diff(d, axis=0)) - line
+        lines = np.cross(mean, line) + turned(-mean, np.diff(d, axis=0)) - line
         shift = self._chained(d - c, lines)
         of_node = w[self.of]
-        out = shift[self.of] + np.cross(of_node, r) + _turned(-of_node, q) - r
+        out = shift[self.of] + np.cross(of_node, r) + turned(-of_node, q) - r
         if self.grounded:
             out[:, 2] += _rise(X + out, Y)
         return out
@@ -156,7 +156,7 @@ def _rise(X: np.ndarray, Y: np.ndarray) -> float:
     return float(Y[:, 2].min() - X[:, 2].min())
 
 
-def _turned(w: np.ndarray, v: np.ndarray) -> np.ndarray:
+def turned(w: np.ndarray, v: np.ndarray) -> np.ndarray:
     """Vectors v (n, 3) turned by rotation vectors w (n, 3): Rodrigues' formula."""
     angle = np.linalg.norm(w, axis=1)[:, None]
     across = np.cross(w, v)
@@ -174,7 +174,7 @@ def _vectors(R: np.ndarray) -> np.ndarray:
     return axis * np.where(sine < 1e-9, 0.5, angle / np.maximum(2 * sine, 1e-300))[:, None]
 
 
-def _nearest(w: np.ndarray, other: np.ndarray) -> np.ndarray:
+def nearest(w: np.ndarray, other: np.ndarray) -> np.ndarray:
     """Of the vectors (3,) of one rotation the one nearest to another vector."""
     angle = np.linalg.norm(w)
     if angle == 0:

@@ -72,7 +72,7 @@ class Ground:
         self.depth = depth * thickness
         self._floor = height - self.depth
         self._range = (depth + reach) * thickness
-        self._kappa = pressure / -_barrier(np.array([depth / (depth + reach)]))[1][0]
+        self._kappa = pressure / -barrier(np.array([depth / (depth + reach)]))[1][0]
         n = len(body.nodes)
         area = np.zeros(n)
         centred = CENTRED.get(body.element)
@@ -106,7 +106,7 @@ class Ground:
         t = (
             self._heights(self.body.nodes[:, self.axis] + u[:, self.axis]) - self._floor
         ) / self._range
-        return -self._kappa * self._area * _barrier(t)[1]
+        return -self._kappa * self._area * barrier(t)[1]
 
     def at_points(self, values: np.ndarray) -> np.ndarray:
         """Values of the nodes (n, k) at the contact points, (points, k)."""
@@ -164,7 +164,7 @@ class Ground:
         ) / self._range
         if not (t > 0).all():
             return Evaluation(np.inf)
-        b, first, second = _barrier(t)
+        b, first, second = barrier(t)
         energy = float(self._kappa * self._range * (self._area @ b))
         if order < 1:
             return Evaluation(energy)
@@ -184,7 +184,7 @@ class Ground:
         return Evaluation(energy, force, blocks, own=True)
 
 
-def _barrier(t: np.ndarray):
+def barrier(t: np.ndarray):
     """b = −(t − 1)² ln t and its first two derivatives, 0 for t ≥ 1."""
     near = t < 1
     x = np.where(near, t, 1.0)

@@ -34,7 +34,7 @@ PARTS = {
     "ground": [
         (ground.Ground, ("__init__", "evaluate", "gaps", "longest_step", "_heights")),
         (ground.GroundExponential, ("__init__", "evaluate", "gaps")),
-        (ground, ("_barrier", "_exponential")),
+        (ground, ("barrier", "_exponential")),
     ],
     "pressure": [(pressure.Pressure, ("__init__", "evaluate"))],
     "traction": [(loads.Traction, ("__init__", "loads", "evaluate"))],

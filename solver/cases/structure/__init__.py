@@ -1,0 +1,1 @@
+"""Sheets with many hinges: patterns of panels, and how they fold under their weight."""
