@@ -72,6 +72,8 @@ def test_strategies_draw_the_same_numbers_of_labels_and_are_tested_on_the_same(
         assert not pool["strips"].any() and pool["foldable"].isna().any()
     assert not seen[0]["pool"].index.equals(seen[4]["pool"].index)
     curves = tracker.tables["curves"]
+    names = ["boundary", "boundary, states", "random", "random, states"]
+    assert curves["strategy"].drop_duplicates().tolist() == names
     # One core-second for each label that was asked for.
     np.testing.assert_allclose(curves["core_seconds"], curves["labels"])
     assert result["final_labels"] == 100

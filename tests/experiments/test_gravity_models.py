@@ -233,3 +233,53 @@ def test_shipped_models_are_named_after_what_they_see(monkeypatch):
     for _, card, overwrite in saved.values():
         assert overwrite and card["accuracy"] == 0.9 and card["growth"] == "uniaxial"
         assert card["dataset"] == "gravity-5k" and "under weight" in card["limits"]
+
+
+def test_the_best_of_those_without_a_rod_is_mapped_and_what_saw_no_label_is_told_beside(
+    tracker, monkeypatch
+):
+    table = made(90)
+    table["foldable"] = pd.array(table["foldable"], dtype="boolean")
+    table.loc[::9, "foldable"] = None
+    accuracies = {
+        ("tree", "groups"): 0.8, ("tree", "physics"): 0.85, ("tree", "rod"): 0.99,
+        ("boosted", "groups"): 0.9, ("boosted", "physics"): 0.7, ("boosted", "rod"): 0.98,
+    }  # fmt: skip
+    mapped = []
+
+    def validated(known, name, inputs, config):
+        row = {"model": name, "inputs": inputs, "accuracy": accuracies[name, inputs]}
+        return row, np.full(len(known), 0.5), (name, inputs)
+
+    monkeypatch.setattr(gravity_models, "load_dataset", lambda name: table)
+    monkeypatch.setattr(gravity_models, "_validated", validated)
+    monkeypatch.setattr(gravity_models, "_angles", lambda known, config: len(known))
+    monkeypatch.setattr(gravity_models, "_isotropic", lambda table, config: len(table))
+    monkeypatch.setattr(gravity_models, "_map", lambda *given: mapped.append(given[0]) or {})
+    monkeypatch.setattr(gravity_models, "fit", lambda name, space, known, **o: (name, len(known)))
+    curves = pd.DataFrame({"strategy": "groups", "labels": [50] * 3, "accuracy": [0.1, 0.6, 0.7],
+                           "seed": [0, 1, 2]})  # fmt: skip
+    monkeypatch.setattr(gravity_models, "_curves", lambda known, config: curves)
+    known = table[table["foldable"].notna()]
+    y = known["foldable"].to_numpy(bool)
+    rod = pd.DataFrame({"rod": np.where(np.arange(len(y)) < 20, ~y, y) + 0.5})
+    monkeypatch.setattr(gravity_models, "rod_of", lambda known: rod.head(len(known)))
+    monkeypatch.setattr(
+        gravity_models.beam,
+        "formulas",
+        lambda known: pd.DataFrame({"net": np.full(len(known), 1.5)}),
+    )
+    config = Config(models=("tree", "boosted"), rate=0.1, coverage=0.9)
+    result = gravity_models.run(config, tracker)
+    assert result["labels"] == 80 and result["unknown"] == 10
+    assert result["majority"] == max(y.mean(), 1 - y.mean())
+    assert result["beam_accuracy"] == y.mean() and result["rod_accuracy"] == 0.75
+    assert result["best_without_rod"] == "boosted groups" and mapped == [("boosted", 80)]
+    assert result["learning"] == [{"inputs": "groups", "labels": 50, "accuracy": 0.6}]
+    assert (result["angles"], result["isotropic"]) == (80, 90)
+    assert [(r["model"], r["inputs"]) for r in result["table"]] == [
+        (name, inputs) for name in ("tree", "boosted") for inputs in ("groups", "physics", "rod")
+    ]
+    assert set(tracker.models) == {f"{name}-{inputs}" for name, inputs in accuracies}
+    few = gravity_models.run(replace(config, limit=45), tracker)
+    assert few["labels"] == 40
