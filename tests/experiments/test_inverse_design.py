@@ -49,8 +49,8 @@ def test_where_nothing_is_confirmed_there_is_no_fraction_of_it():
 
 def test_two_of_three_wishes_are_of_an_angle():
     config = Config(tolerance=0.1)
-    wants = [_want(k, 0.7, config) for k in range(6)]
-    assert [want == "foldable" for want in wants] == [True, False, False] * 2
+    wants = [_want(k, 0.7, config) for k in range(12)]
+    assert [want == "foldable" for want in wants] == [True, False, False] * 4
     assert wants[1] == Angle(0.7, 0.1)
 
 

@@ -97,3 +97,49 @@ def test_a_wrong_value_stands_in_the_place_of_the_right_one(name, wrong, monkeyp
     monkeypatch.setattr(cases, "OPTIONS", {"sample": {name: ("0",)}})
     what, arguments = cases._option(np.random.default_rng(0), "sample", SAMPLE.split(), None)
     assert (what, arguments) == (f"{name} '0'", wrong.split())
+
+
+def test_what_is_not_right_is_a_fault_and_told(tracker, tmp_path, monkeypatch):
+    endings = [judge.REFUSED, judge.HARMLESS, judge.ACCEPTED, judge.HANG, judge.REFUSED]
+    asked = []
+
+    def attempts(numbers, config, files):
+        asked.append(list(numbers))
+        for k in numbers:
+            yield {
+                "case": k,
+                "line": "sample" if k else "label",
+                "kind": "option",
+                "what": f"-n {k}",
+                "seconds": float(k),
+                "ending": endings[k],
+                "status": 2,
+                "said": f"one\nline {k}",
+            }
+
+    monkeypatch.setattr(wrong_inputs, "attempts", attempts)
+    config = wrong_inputs.Config(until=5, folder=str(tmp_path / "cases"))
+    result = wrong_inputs.run(config, tracker)
+    assert (result["cases"], result["faults"], result["seconds_most"]) == (5, 2, 4.0)
+    assert result[judge.REFUSED] == 2 and result[judge.HANG] == 1
+    assert result["complaints"] == [
+        f"case 2: sample, -n 2: {judge.ACCEPTED}: ['line 2']",
+        f"case 3: sample, -n 3: {judge.HANG}: ['line 3']",
+    ]
+    label = next(row for row in result["table"] if row["line"] == "label")
+    assert label[judge.REFUSED] == 1 and label[judge.ACCEPTED] == 0
+    # What is known is not tried again.
+    path = tmp_path / "cases" / "seed_0.jsonl"
+    path.write_text("".join(path.read_text().splitlines(True)[:3]))
+    again = wrong_inputs.run(config, tracker)
+    assert asked == [[0, 1, 2, 3, 4], [3, 4]] and again["faults"] == 2
+
+
+def test_a_case_whose_process_ended_took_its_time_only_if_it_hung(tmp_path, monkeypatch):
+    case = cases.Case("sample", "option", "-n 'much'", ("sample", "-n", "much"))
+    monkeypatch.setattr(cases, "make", lambda seed, number, *_: case)
+    config = wrong_inputs.Config(seconds=9.0)
+    hung = wrong_inputs._lost(4, config, tmp_path, judge.HANG)
+    assert hung["seconds"] == 9.0 and hung["case"] == 4 and hung["status"] is None
+    assert hung["said"] == "sample -n much" and hung["line"] == "sample"
+    assert np.isnan(wrong_inputs._lost(4, config, tmp_path, judge.CRASH)["seconds"])
