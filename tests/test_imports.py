@@ -58,15 +58,23 @@ MAY = {
     "foldlab.maps": {"foldlab.labels", "foldlab.learning", "foldlab.plots"},
     "foldlab.inverse": {"foldlab.labels", "foldlab.learning"},
     "foldlab.unit": {"foldlab.labels", "foldlab.plots", "foldlab.terminal"},
+    "foldlab.structure": {
+        "foldlab.labels", "foldlab.plots", "foldlab.unit", "solver.cases.structure",
+        "solver.equilibrium",
+    },
     "foldlab.making": {"foldlab.labels", "foldlab.plots", "foldlab.terminal", "foldlab.unit"},
     "foldlab.cli": {
         "foldlab.campaign", "foldlab.datasets", "foldlab.inverse", "foldlab.labels",
         "foldlab.learning", "foldlab.making", "foldlab.maps", "foldlab.plots",
-        "foldlab.terminal", "foldlab.tracking", "foldlab.unit",
+        "foldlab.structure", "foldlab.terminal", "foldlab.tracking", "foldlab.unit",
     },
 }  # fmt: skip
-# Within foldlab.labels only what a solver label is made of sees the solver.
+# Within foldlab.labels only what a solver label is made of sees the solver, and what folds a
+# structure of many hinges.
 SOLVER = {"foldlab/labels/solver.py", "foldlab/labels/run.py", "foldlab/labels/rod.py"}
+SOLVER |= {
+    f"foldlab/structure/{name}.py" for name in ("answer", "files", "laws", "made", "pictures")
+}
 FILES = sorted(p for top in ("solver", "foldlab") for p in (ROOT / top).rglob("*.py"))
 
 

@@ -25,6 +25,7 @@ from foldlab.cli.maps import map_
 from foldlab.cli.outputs import only_whole, output_folder, trouble
 from foldlab.cli.predict import predict
 from foldlab.cli.simulate import simulate
+from foldlab.cli.structure import structure
 from foldlab.design import space_named, space_of
 from foldlab.errors import InputError
 from foldlab.settings import build
@@ -219,7 +220,7 @@ def quickstart(
 
 
 for verb in (
-    *(check, label_verbs.sample, label_verbs.label, label_verbs.export, simulate),
+    *(check, label_verbs.sample, label_verbs.label, label_verbs.export, simulate, structure),
     *(train, score, predict, map_, augment, tune, design, materials, quickstart),
 ):
     app.command(verb.__name__.rstrip("_"))(with_records(verb))

@@ -19,7 +19,7 @@ layer folds the hinge, by k it resists.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from scipy.interpolate import PchipInterpolator
@@ -97,17 +97,30 @@ class Law:
             )
         bending = sheet.E * sheet.h**3 * table[:, 1] * width
         stretching = (sheet.E * sheet.h + layer.E * layer.h) * width / (1 - nu**2)
+        angle = table[:, 0] * length / sheet.h
+        return cls._of(angle, bending, table[:, 2], stretching, length, width, nu)
+
+    @classmethod
+    def of_sheet(cls, sheet: Layer, length: float, width: float, nu: float = 0.3) -> Law:
+        """Of a crease without an active layer: the sheet's own plate stiffness."""
+        flat = np.zeros(2)
+        bending = np.full(2, sheet.E * sheet.h**3 / (12 * (1 - nu**2)) * width)
+        stretching = sheet.E * sheet.h * width / (1 - nu**2)
+        return cls._of(flat, bending, flat + 1, stretching, length, width, nu)
+
+    @classmethod
+    def _of(cls, angle, bending, stretch, stretching, length, width, nu) -> Law:
         in_plane = stretching * width**2 / 12
         shear = SHEAR * stretching * (1 - nu) / 2
         along = 1 / (length**3 / (12 * in_plane) + length / shear)
         # Of a wide strip every fibre is sheared by as much as it lies off the middle.
         twist = (2 * (1 - nu) + (width / length) ** 2) * float(bending[0]) / length
         others = np.array([in_plane / length, twist, along, stretching / length, 12 / length**2])
-        return cls(table[:, 0] * length / sheet.h, bending / length, table[:, 2], others, length)
+        return cls(angle, bending / length, stretch, others, length)
 
-    def scaled(self, angle: np.ndarray, error: float) -> Law:
+    def with_angle(self, angle: np.ndarray, error: float) -> Law:
         """The law with another angle (k,) over the contraction, known to ``error``."""
-        return Law(angle, self.stiffness, self.stretch, self.others, self.length, error)
+        return replace(self, angle=angle, error=error)
 
 
 class Hinges:
@@ -160,11 +173,20 @@ class Hinges:
                     at[name][k, side, own] = direction_weights(self.body, pairs[k, side], v)
                 place = np.array([*hinge.sides[side], 0.0])
                 at["x"][k, side, own] = point_weights(self.body, pairs[k, side], place)
+        self._places, self._axes = at["x"], at["t"]
         (ta, tb), (sa, sb), (na, nb) = (at[k].transpose(1, 0, 2) for k in "tsn")
         D = at["x"][:, 1] - at["x"][:, 0]
         V = np.stack([sb, nb, sb, nb, tb, tb, D, D, D, D], axis=1)
         W = np.stack([na, sa, sa, na, sa, na, ta, tb, sa, na], axis=1)
         return V, W
+
+    def strips(self, u: np.ndarray) -> np.ndarray:
+        """Corners (hinges, 4, 3) of each strip: its side on a, then back along that on b."""
+        y = (self.body.nodes + u)[self.nodes]
+        half = np.array([h.width / 2 for h in self.hinges])[:, None, None]
+        middle, axis = self._places @ y, self._axes @ y
+        low, high = middle - half * axis, middle + half * axis
+        return np.stack([low[:, 0], high[:, 0], high[:, 1], low[:, 1]], axis=1)
 
     def angles(self, u: np.ndarray) -> np.ndarray:
         """θ of each hinge, rad, positive where the panels rise towards its upper side."""

@@ -52,22 +52,29 @@ class Structure:
         cls,
         pattern: Pattern,
         sheet: Layer,
-        layer: Layer | Sequence[Layer],
+        layer: Layer | Sequence[Layer | None],
         *,
         g: float = 9.81,
         nu: float = 0.3,
     ) -> Structure:
-        """With the laws of bilayer sections."""
+        """With the laws of bilayer sections; creases that don't fold have no layer."""
         count = len(pattern.hinges)
         layers = (layer,) * count if isinstance(layer, Layer) else tuple(layer)
         if len(layers) != count:
             raise ValueError(f"{len(layers)} layers for {count} creases; expected one, or one each")
+        layers = tuple(
+            own if h.crease.fold else None for own, h in zip(layers, pattern.hinges, strict=True)
+        )
         known: dict = {}
         laws = []
         for hinge, own in zip(pattern.hinges, layers, strict=True):
             key = own, hinge.crease.length, round(hinge.width, 12)
             if key not in known:
-                known[key] = Law.of_section(sheet, own, key[1], hinge.width, nu)
+                size = key[1], hinge.width, nu
+                bare = own is None
+                known[key] = (
+                    Law.of_sheet(sheet, *size) if bare else Law.of_section(sheet, own, *size)
+                )
             laws.append(known[key])
         return cls(pattern, sheet, layers, tuple(laws), g, nu)
 
@@ -80,7 +87,9 @@ class Structure:
                 mass.append(self.sheet.rho * self.sheet.h * area_of(outline[t]))
                 where.append((k, *outline[t].mean(axis=0)))
         for hinge, layer in zip(self.pattern.hinges, self.layers, strict=True):
-            per_area = self.sheet.rho * self.sheet.h + layer.rho * layer.h
+            per_area = self.sheet.rho * self.sheet.h
+            if layer is not None:
+                per_area += layer.rho * layer.h
             half = per_area * hinge.crease.length * hinge.width / 2
             middle = hinge.sides.mean(axis=0)
             for face, side in zip(hinge.faces, hinge.sides, strict=True):
@@ -112,6 +121,10 @@ class Model:
         """Outline (k, 3) of the middle surface of each panel."""
         X = self.corners @ (self.body.nodes + self.scene.displacement(x, e))
         return [X[self.owners == k] for k in range(len(self.structure.pattern.panels))]
+
+    def strips(self, x: np.ndarray, e: float) -> np.ndarray:
+        """Corners (hinges, 4, 3) of each hinge's strip, as if it were straight."""
+        return self.hinges.strips(self.scene.displacement(x, e))
 
     def anchored(self, x: np.ndarray, e: float) -> Model:
         """The model for the step from x: angles go on from those there, contact is ready for what

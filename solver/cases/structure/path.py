@@ -41,7 +41,8 @@ class Happening:
 class State:
     """An accepted point at the load ``e``.
 
-    ``angles`` (hinges,): rad; ``panels``: outline (k, 3) of each; ``lowest``: of the underside's
+    ``angles`` (hinges,): rad; ``panels``: outline (k, 3) of each; ``strips``
+    (hinges, 4, 3): corners of the hinges; ``lowest``: of the underside's
     corners above the ground, None without; ``clearance``: of panels from each other, inf where none
     are near, None where they may not touch; ``centre`` (3,): of mass; ``unstable``: modes.
     """
@@ -49,6 +50,7 @@ class State:
     e: float
     angles: np.ndarray
     panels: tuple[np.ndarray, ...] = field(repr=False)
+    strips: np.ndarray = field(repr=False)
     centre: np.ndarray
     lowest: float | None
     clearance: float | None
@@ -157,6 +159,7 @@ def _state(model: Model, point) -> State:
         e,
         model.angles(x, e),
         tuple(panels),
+        model.strips(x, e),
         centre_of_mass(model, u, mass, where),
         None if model.ground is None else float(model.ground.heights(u).min()),
         None if model.contact is None else model.contact.distance(u),

@@ -1,0 +1,1 @@
+"""Structures of many hinges: pattern files, laws from labels, answers and pictures."""

@@ -1,0 +1,92 @@
+"""The verb ``structure``: an answer in words and JSON, its files, and what it refuses."""
+
+import json
+import sys
+
+import pytest
+from PIL import Image
+from pytest import approx
+
+CROSS = """<svg xmlns="http://www.w3.org/2000/svg" width="90mm" height="120mm" viewBox="0 0 90 120">
+<path d="M30 0H60V30H90V60H60V120H30V60H0V30H30Z" fill="none" stroke="black"/>
+<path d="M30 30H60M30 60H60M30 90H60M30 30V60M60 30V60" fill="none" stroke="blue"/></svg>"""
+MADE = (
+    "structure net.svg --passive PET --active SMP --set h_s=0.1mm --set h_i=0.2mm --set l_i=5mm "
+    "--set E_i=20MPa --set contraction=12% -o out"
+)
+
+
+@pytest.fixture
+def net(foldlab, tmp_path):
+    """The entry point in a folder with a net of a cube."""
+    (tmp_path / "net.svg").write_text(CROSS)
+    return foldlab
+
+
+def test_a_net_folds(net, tmp_path):
+    status, out, _ = net(f"{MADE} --gif --json")
+    assert status == 0
+    told = json.loads(out)
+    assert told["foldable"] is True and told["outcome"] == "reached" and told["stable"] is True
+    assert len(told["hinges"]) == 5 and all(h["folds"] for h in told["hinges"])
+    assert told["effects"] == ["gravity", "ground", "contact"]
+    assert told["mass"] == approx(0.00088, rel=0.02)
+    assert told["bears"] == {"passive": True, "active": True}
+    law = told["laws"][0]
+    assert law["angle"] == approx(law["section"], rel=0.2)
+    assert told["hinges"][0]["natural"] == approx(law["angle"], rel=1e-3)
+    folder = tmp_path / "out"
+    assert json.loads((folder / "result.json").read_text())["reason"] == told["reason"]
+    assert json.loads((folder / "folded.fold").read_text())["file_frames"]
+    assert (folder / "series" / "structure.pvd").read_text().count("<DataSet") == told["states"]
+    with Image.open(folder / "fold.gif") as gif:
+        assert 3 < gif.n_frames <= told["states"]
+    assert {"states.png", "angles.png"} <= {p.name for p in folder.iterdir()}
+
+
+def test_words_name_what_holds_a_hinge(net, tmp_path):
+    status, out, err = net(f"{MADE} --set size=2m --set l_i=60mm --quick --no-pictures")
+    assert status == 0
+    assert "too heavy" in out and "hinges don't fold" in out
+    assert "panels would sag by" in out and "mass: " in out
+    assert "hinges by the solver" not in err
+    assert not (tmp_path / "out" / "states.png").exists()
+
+
+def test_a_path_that_does_not_end_keeps_what_there_is(net, tmp_path):
+    status, out, err = net(f"{MADE} --quick --timeout 0 --no-pictures --json")
+    assert status == 3
+    assert json.loads(out)["foldable"] is None
+    assert "not reached: unknown: the time allowed was used up" in err
+    assert (tmp_path / "out" / "result.json").exists()
+
+
+@pytest.mark.parametrize(
+    "more, says",
+    [
+        ("--effects wind", "--effects 'wind'; expected some of gravity, ground, contact"),
+        ("--effects gravity", "weight and ground come together"),
+        ("--set l_s=1m", "l_s is the pattern's own"),
+        ("--set size=0mm", "size = 0; expected a length above 0"),
+        ("--set size=2kg", "size = '2kg'"),
+        ("--set l_i=200mm", "leave no panel of it"),
+        ("--set contraction=99%", "contraction = 0.99"),
+        ("--set h_s=-1mm", "h_s = -0.001; expected a finite number above 0"),
+        ("--passive unobtainium", "no passive material 'unobtainium'"),
+    ],
+)
+def test_what_is_refused(net, tmp_path, more, says):
+    status, _, err = net(f"{MADE} --quick {more}")
+    assert status == 2
+    assert says in err
+    assert not (tmp_path / "out").exists()
+
+
+def test_what_is_missing_is_told(net, foldlab, monkeypatch):
+    status, _, err = net("structure net.svg --passive PET --set l_i=5mm")
+    assert status == 2 and "the unit lacks h_s" in err
+    status, _, err = net(MADE.replace("net.svg", "absent.fold"))
+    assert status == 2 and "can't read the pattern" in err
+    monkeypatch.setitem(sys.modules, "ipctk", None)
+    status, _, err = net(MADE)
+    assert status == 2 and 'structures need ipctk: pip install "foldlab[structure]"' in err
