@@ -175,7 +175,7 @@ def test_all_shipped_patterns_are_known(tmp_path, monkeypatch):
     assert set(SHIPPED) == set(SHIPPED_PANELS)
     monkeypatch.chdir(tmp_path)
     with pytest.raises(
-        InputError, match="can't read the pattern boat.*shipped are accordion, cube"
+        InputError, match=r"can't read the pattern boat.*shipped are accordion, cube"
     ):
         read_pattern("boat")
 
