@@ -122,3 +122,25 @@ def test_a_rod_without_an_answer_is_at_a_loss_by_the_whole_threshold(monkeypatch
     unit = only(contraction=0.0213)
     assert rod_of(unit).iloc[0].tolist() == [0.0, 1.0]
     rod._turned.cache_clear()
+
+
+@pytest.mark.parametrize("design", DESIGNS.tail(4).to_dict("records"))
+def test_ends_turn_by_suhirs_lag_and_by_the_couple_at_the_interface(design):
+    # In units of its own, as the docstring has it.
+    E_s, h_s, nu = 7.0, 0.3, 0.3
+    E_i, h_i = design["E_ratio"] * E_s, design["h_ratio"] * h_s
+    B_s, B_i = E_s * h_s**3 / 12, E_i * h_i**3 / 12
+    l_i = design["hinge_length"] * h_s / design["slenderness"]
+    groups = (design["E_ratio"], design["h_ratio"], 1.0, 1.0, 1.0)
+    kappa = fold_angle(*groups) / h_s  # at |g| = 1
+    G_s, G_i = E_s / (2 * (1 + nu)), E_i / (2 * (1 + nu))
+    K = 1 / (h_s / (3 * G_s) + h_i / (3 * G_i))
+    lag = np.sqrt(K * (1 / (E_s * h_s) + 1 / (E_i * h_i) + (h_s + h_i) ** 2 / (4 * (B_s + B_i))))
+    force = kappa * (B_s + B_i) / ((h_s + h_i) / 2)
+    couple = kappa * B_i - force * h_i / 2
+    # Without a moment from outside both couples are one.
+    assert couple == pytest.approx(force * h_s / 2 - kappa * B_s)
+    beta = (1 / (h_s / E_s + h_i / E_i) * (1 / B_s + 1 / B_i) / 4) ** 0.25
+    over = quad(lambda a: lag * np.exp(-(lag + beta) * a) * np.cos(beta * a), 0, 60 / beta)[0]
+    turned = 2 * (couple / (B_s * beta) * over - kappa * np.tanh(lag * l_i / 2) / lag)
+    assert beam.edge(pd.DataFrame([design]))[0] == pytest.approx(turned / np.pi, rel=1e-6)
