@@ -49,3 +49,10 @@ def test_what_was_not_labelled_is_unknown(designs, monkeypatch):
     monkeypatch.setattr(campaign, "run_campaign", half)
     table = labelled(designs, SOURCE)
     assert table["foldable"].isna().tolist() == [False, True] * 6 and len(table) == 12
+
+
+def test_a_rate_is_of_the_time_that_a_run_took(designs, tmp_path):
+    with LabelStore(tmp_path / "s.db") as store:
+        report = campaign.run_campaign(designs, SOURCE, store, progress=False)
+    assert 0 < report.seconds < 60 and report.computed == 12
+    assert report.rate == 12 / report.seconds

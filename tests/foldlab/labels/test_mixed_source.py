@@ -154,3 +154,21 @@ def test_it_is_a_setting_of_the_source():
     assert make_source("solver", {"refine": "near"}).effort.refine == "near"
     with pytest.raises(InputError, match="'near'"):
         SolverSource(effort=Effort(refine="sometimes"))
+
+
+@pytest.mark.parametrize(
+    ("change", "closed", "growth", "yes"),
+    [
+        ({"m1": 0.1}, False, "uniaxial", True),  # does not fold
+        ({"m1": 2.0}, False, "uniaxial", False),  # folds, and a finer mesh tells by how much
+        ({"m1": 6.4}, True, "uniaxial", True),  # folds by a full turn
+        ({"m1": 0.32}, False, "uniaxial", False),
+        ({"m1": 0.32}, True, "uniaxial", False),
+        ({"m1": 0.26}, False, "uniaxial", True),
+        ({"m1": 0.26}, False, "isotropic", False),  # the mesh is further off
+    ],
+)
+def test_the_coarsest_mesh_is_clear_of_what_does_not_fold_and_of_full_turns(
+    change, closed, growth, yes
+):
+    assert screening.clear(STATE | change, G, Thresholds(), growth, closed) is yes

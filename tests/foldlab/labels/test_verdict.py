@@ -291,3 +291,25 @@ def test_no_return_is_told_of_paths_without_an_end_and_beyond_what_the_mesh_is_o
 def test_no_return_is_told_of_labels_that_it_was_measured_on(changed, gone):
     source = SolverSource(**({"conditions": Conditions(growth="isotropic")} | changed))
     assert source._gone(DESIGN, a_run(m1=0.1, m2=3.0, ending=Ending.TIMEOUT)) is gone
+
+
+def test_half_a_turn_about_the_other_axis_is_told_where_it_is_the_larger_turning():
+    closed = {"closed": True, "m2": 3.2, "hinge": 3.0, "contraction": 0.2}
+    _, outcome, reason = judged(a_run(m1=1.0, **closed), 0.01)
+    assert outcome == "curled" and "through half a turn at 20 % contraction" in reason
+    # Closed along the sheet it curled on the way.
+    _, outcome, reason = judged(a_run(m1=6.3, **closed), 0.01)
+    assert outcome == "curled" and "half a turn" not in reason
+
+
+@pytest.mark.parametrize(
+    ("measures", "outcome"),
+    [
+        ({"hinge": 2 * ALPHA, "tip": 1.0, "lowest": 0.0}, "sags"),
+        ({"hinge": 2 * ALPHA}, "too_little"),  # without weight nothing sags
+        ({"hinge": ALPHA, "tip": 1.0, "lowest": 0.0}, "too_little"),
+        ({"hinge": 0.9 * ALPHA, "tip": 1.0, "lowest": 0.0}, "too_little"),
+    ],
+)
+def test_panels_sag_where_the_hinge_alone_would_do(measures, outcome):
+    assert judged(a_run(m1=0.5 * ALPHA, **measures), 0.01)[:2] == (False, outcome)

@@ -40,6 +40,7 @@ def test_states_inside_the_space_that_the_mesh_leaves_no_doubt_of_are_labels():
     assert states["foldable"].tolist() == [True, False, False]
     assert states["m1"].tolist() == pytest.approx([NEED * 1.3, NEED / 1.3, NEED * 2])
     assert states["m2"].tolist() == pytest.approx([0, 0, NEED])
+    assert (states["fold_angle"] == states["m1"]).all() and set(states["growth"]) == {"uniaxial"}
     assert (states["contraction"] == 0.1).all() and (states["of"] == 10).all()
     assert states["normalised_angle"].tolist() == pytest.approx((states["m1"] / 0.1).tolist())
     others = [name for name in FULL.names if name != "contraction"]

@@ -94,3 +94,10 @@ def test_training_states_a_coverage_and_measures_it_on_labels_that_nobody_saw(mo
     monkeypatch.setattr(train, "fit", None)  # what is too little is told before any training
     with pytest.raises(InputError, match="needs at least 999 of each"):
         train_on(table, "tree", seed=0, coverage=0.999)
+
+
+@pytest.mark.parametrize(("folding", "total"), [(3, 90), (1, 270), (0, 270)])
+def test_too_few_labels_of_a_class_say_how_many_it_takes_in_all(folding, total):
+    # Nine of each class for a coverage of 0.9; a class that none is of counts as one.
+    with pytest.raises(InputError, match=rf"at least 9 of each \(here about {total} labels"):
+        borders_of(np.linspace(0, 1, 30), np.arange(30) < folding, coverage=0.9)

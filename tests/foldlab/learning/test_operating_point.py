@@ -189,3 +189,51 @@ def test_plot_shows_both_curves_and_the_point(network, tmp_path):
     assert len(drawn["threshold bias"].get_xdata()) > 5
     assert axes.get_xscale() == axes.get_yscale() == "log"
     figure.savefig(tmp_path / "trade_off.png")
+
+
+def test_a_rate_that_is_the_bound_itself_is_kept():
+    rate = upper_bound(2, 60)
+    negatives = np.linspace(0, 0.9, 60)
+    X, y = column([*negatives, 0.95]), np.array([False] * 60 + [True])
+    point = choose_threshold(Identity(), X, y, rate=rate)
+    assert point.false_positives == 2 and point.upper == rate
+    assert choose_threshold(Identity(), X, y, rate=rate * (1 - 1e-9)).false_positives == 1
+
+
+def test_those_that_are_as_certain_as_the_most_certain_are_counted():
+    X, y = column([1.0, 1.0, *[0.2] * 98, 1.0]), np.array([False] * 100 + [True])
+    with pytest.raises(InputError, match="gives 2 of 100 non-folding designs probability 1, 0 are"):
+        choose_threshold(Identity(), X, y, rate=0.03)
+
+
+@pytest.mark.parametrize(("rate", "confidence"), [(1.0, 0.9), (0.0, 0.9), (0.1, 1.0), (0.1, 0.0)])
+def test_rates_and_confidences_lie_between_0_and_1(rate, confidence):
+    X, y = column([0.1] * 90 + [0.9]), np.array([False] * 90 + [True])
+    with pytest.raises(InputError, match="expected both between 0 and 1"):
+        choose_threshold(Identity(), X, y, rate=rate, confidence=confidence)
+
+
+def test_no_designs_have_no_threshold():
+    with pytest.raises(InputError, match="0 designs and 0 labels; expected one label per design"):
+        threshold_curve(Identity(), column([]), np.array([], dtype=bool))
+
+
+def test_the_rows_of_loss_weights_are_scores_of_models_that_were_trained_with_them():
+    class Weighted(Identity):
+        def __init__(self, false_positive_weight):
+            self.weight = false_positive_weight
+
+        def fit(self, X, y):
+            return self
+
+        def predict(self, X):
+            return np.asarray(X, float)[:, 0] >= self.weight / 10
+
+    X, y = column([0.1, 0.3, 0.5, 0.2, 0.6, 0.7, 0.8]), np.array([False] * 3 + [True] * 4)
+    curve = loss_weight_curve(Weighted, X, y, X, y, weights=(2, 4)).set_index("weight")
+    for weight, (fp, tp) in {2.0: (2, 4), 4.0: (1, 3)}.items():
+        row = curve.loc[weight]
+        assert row["false_positive_rate"] == fp / 3 and row["recall"] == tp / 4
+        assert row["precision"] == tp / (tp + fp) and row["accuracy"] == (tp + 3 - fp) / 7
+        low, high = clopper_pearson(fp, 3)
+        assert row["false_positive_rate_low"] == low and row["false_positive_rate_high"] == high

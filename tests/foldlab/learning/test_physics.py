@@ -12,7 +12,7 @@ from foldlab.labels.rod import rod_of
 from foldlab.learning.features import GroupFeatures
 from foldlab.learning.models import make_classifier
 from foldlab.learning.network import SmoothNetwork
-from foldlab.learning.physics import PhysicsFeatures, default_inputs
+from foldlab.learning.physics import PhysicsFeatures, default_inputs, features
 from foldlab.learning.saving import load_model, save_model, space_of_model
 from foldlab.learning.train import fit, train_on
 from foldlab.tracking import track
@@ -140,3 +140,7 @@ def test_a_network_of_physics_is_tracked(labels, tmp_path, monkeypatch):
     with track("physics", {}) as run:
         run.model("network", network.fit(X, labels["foldable"].head(60)), X.head(3))
     assert list((tmp_path / "mlruns").rglob("*.pt2"))
+
+
+def test_the_rod_is_asked_only_where_it_was_wanted():
+    assert [features(FULL, name).rod for name in ("rod", "physics", None)] == [True, False, False]

@@ -49,6 +49,11 @@ def test_a_hinge_follows_its_panels_only_where_it_was_as_wide():
     assert narrow.changed(b_s=0.02).groups["hinge_width"] == pytest.approx(0.25)
 
 
+def test_a_hinge_that_is_made_narrower_stays_so():
+    unit = sized(SIZES | STIFF, TABLE, "PET", "SMP").changed(b_i=0.004)
+    assert unit.physical["b_i"] == 0.004 and unit.groups["hinge_width"] == pytest.approx(0.4)
+
+
 def test_what_is_given_wins_over_the_material():
     unit = sized(SIZES | STIFF, TABLE, "PET", "SMP")
     assert unit.physical["E_i"] == 3e7 and "E_i" not in unit.ranges
@@ -62,6 +67,8 @@ def test_what_is_given_wins_over_the_material():
     "given, passive, words",
     [
         (SIZES, None, "lacks E_s, rho_s; add --set E_s=… or --passive MATERIAL"),
+        (SIZES | {"E_s": 3e9}, None, r"lacks rho_s; add --set rho_s=… or --passive MATERIAL$"),
+        ({"l_s": 0.1, "E_s": 3e9, "rho_s": 1e3}, None, r"lacks b_s, h_s, l_i, h_i; .*=…$"),
         (SIZES | {"h": 1.0}, "PET", "no quantity 'h'; there are E_s"),
         (SIZES | {"l_i": 0.05}, "PET", "l_i = 0.05 m is more than l_s = 0.04 m"),
         (SIZES | {"b_i": 0.02}, "PET", "b_i"),

@@ -204,3 +204,13 @@ def test_a_formula_on_its_threshold_folds_and_one_that_is_not_positive_never_doe
     assert model.decision_function(at)[2:].tolist() == [-np.inf, -np.inf]
     assert model.predict_proba(at)[2:].tolist() == [[1.0, 0.0]] * 2
     assert model.size_ == (3, "nodes") and model.n_features_in_ == 3
+
+
+def test_errors_of_plain_squares_are_as_they_are_and_those_of_logs_have_a_limit():
+    X, y = np.array([[1.0], [1.0]]), np.array([1.0, 101.0])
+    for log_target, error in ((False, np.sqrt(100**2 / 2)), (True, np.log(101) / np.sqrt(2))):
+        assert refit("x", X, y, ("x",), log_target)[1] == pytest.approx(error)
+    # Where a formula has no value its error is none, or that of e^20.
+    apart = np.array([[-1.0], [1.0]])
+    assert np.isnan(refit(("log", "x"), apart, y, ("x",), False)[1])
+    assert refit("x", apart, np.ones(2), ("x",), True)[1] == pytest.approx(20 / np.sqrt(2))

@@ -1,5 +1,7 @@
 """Patterns, measures and supports of furrow and neural tube, on displacements made by hand."""
 
+from itertools import pairwise
+
 import numpy as np
 import pytest
 from pytest import approx
@@ -90,7 +92,7 @@ def test_growth_contracts_by_the_pattern_and_the_load(shell):
 def test_levels_are_finer_and_finer():
     for case in (furrow, neural_tube):
         counts = [np.array(list(vars(level).values())) for level in case.LEVELS]
-        for coarse, fine in zip(counts, counts[1:], strict=False):
+        for coarse, fine in pairwise(counts):
             assert (fine >= coarse).all() and (fine > coarse).any()
 
 
