@@ -26,7 +26,10 @@ SIZES = {
     "contraction": "20%",
 }  # fmt: skip
 MADE = " ".join(f"--set {name}={value}" for name, value in SIZES.items())
-QUICK = "--set n_train=300 --set n_test=60 --set n_fresh=90 --set map_points=90"
+QUICK = (
+    "--set n_train=300 --set n_test=60 --set n_fresh=90 --set map_points=90 --set unit=false "
+    "--set proposals=0 --set verify=0"
+)
 # What is called, and what it reads.
 LINES = {
     "sample": ("sample -n 9 -o o.csv", ()),
@@ -131,7 +134,7 @@ OPTIONS = {
             "E_ratio=nan:1", "E_ratio=1:1e9", "E_ratio=1:2:3", "E_ratio=-1:2", "l_s=0:1", "",
         ),
     },
-    "quickstart": {"-o": NO_FOLDER, "--seed": (*NO_INT, "-1")},
+    "quickstart": {"-o": NO_FOLDER, "--seed": (*NO_INT, "-1"), "--workers": NO_COUNT},
     "simulate": {
         "-o": NO_FOLDER, "--growth": NO_NAME, "--question": (*NO_NAME, "exist"),
         "--effects": (*NO_NAME[:2], "ground", "gravity;ground", "gravity,gravel", "none,gravity"),
@@ -182,7 +185,8 @@ SETTINGS = {
         "l_s": ("much", "[1]", "true", "nan", "inf", "-1", "0"),
     },
     "quickstart": {
-        **{name: COUNT for name in ("n_train", "n_test", "n_fresh", "map_points", "proposals")},
+        **{name: COUNT for name in ("n_train", "n_test", "n_fresh", "map_points")},
+        **{name: ("much", "1.5", "[1]", "-1", "nan") for name in ("proposals", "verify")},
         "symbolic_seconds": (*RATIO, "0"), "seed": ("much", "1.5", "[1]", "-1", "nan"),
         "models": ("tree", "3", "[]", '["nosuch"]', "[3]"),
     },

@@ -203,11 +203,15 @@ def quickstart(
     out: Annotated[Path, typer.Option("-o", "--out", help="Folder for labels, maps, models.")] = (
         Path("out/quickstart")
     ),
+    workers: Workers = 2,
     seed: Seed = 0,
     given: Given,
     as_json: Json = False,
 ) -> None:
-    """Sample, label, train, compare, map and track on the reduced space, in about two minutes."""
+    """Sample, label, train, compare, map and track; fold, design and map under weight; one page.
+
+    Takes some minutes; --set unit=false, proposals=0 and verify=0 leave the solver out.
+    """
     from foldlab.cli.quickstart import Settings, run
     from foldlab.learning.compare import readable
     from foldlab.tracking import ROOT
@@ -215,7 +219,7 @@ def quickstart(
     chosen = build(Settings, given.read(), seed=seed)
     local = "MLFLOW_TRACKING_URI" not in os.environ
     with only_whole(ROOT) if local else nullcontext(), output_folder(out):
-        result = run(chosen, out, say=note)
+        result = run(chosen, out, say=note, workers=workers)
     emit(result, as_json, readable(result["table"]))
 
 

@@ -11,8 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import numpy as np
 import typer
 
-from foldlab.cli.files import Files, make
-from foldlab.cli.outputs import new_folder, output_folder
+from foldlab.cli.outputs import Files, make, new_folder, output_folder
 from foldlab.errors import InputError
 from foldlab.quantities import in_si, numbers
 from foldlab.terminal import Given, Json, NotReached, emit, note

@@ -9,8 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from foldlab.cli.files import Files
-from foldlab.cli.outputs import new_folder
+from foldlab.cli.outputs import Files, new_folder
 from foldlab.cli.proposed import SHOWN_AS, as_asked, made_of, make_each, need_sizes, told
 from foldlab.design import space_named
 from foldlab.errors import InputError

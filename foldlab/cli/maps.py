@@ -84,7 +84,7 @@ def map_(
         space=chosen,
         axes=(x, y),
         slice_by=slices,
-        slices=chosen[slices].from_unit(_cells(panels)),
+        slices=chosen[slices].from_unit(cells(panels)),
         fixed=held,
         points=points,
         source=make_source(against, space=chosen) if against is not None else None,
@@ -92,18 +92,18 @@ def map_(
     )
     verified, checked = None, {}
     if verify:
-        verified, checked = _verified(regime, verify, seed, timeout, workers, quiet=as_json)
+        verified, checked = verification(regime, verify, seed, timeout, workers, quiet=as_json)
     contours = CONTOURS if heavy and against is None else ()
     save_figure(plot_regimes(regime, points=verified, contours=contours), out)
     emit({**regime.summary(), **checked, "file": out}, as_json)
 
 
-def _cells(panels: int) -> list[float]:
+def cells(panels: int) -> list[float]:
     """Where slices lie between bounds: from one to the other, a single one in the middle."""
     return [0.5] if panels == 1 else [k / (panels - 1) for k in range(panels)]
 
 
-def _verified(
+def verification(
     regime: RegimeMap, n: int, seed: int, timeout: float, workers: int, quiet: bool
 ) -> tuple[pd.DataFrame, dict[str, Any]]:
     """Designs of the map with the solver's labels, and how the model did on them."""

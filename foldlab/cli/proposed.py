@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from foldlab.cli.check import afterwards, beforehand, readable
-from foldlab.cli.files import make
+from foldlab.cli.outputs import make
 from foldlab.design import FULL, PATTERNED, STRIPS
 from foldlab.errors import InputError
 from foldlab.terminal import note
@@ -72,7 +72,7 @@ def make_each(folder: Path, answer: Answer) -> list[dict[str, Any]]:
         with tempfile.TemporaryDirectory() as pictures:
             if run.shapes:
                 write_path(Path(pictures), run)
-                draw(Path(pictures), label, run, source, animate=False)
+                draw(Path(pictures), label, run, source, animate=False, measured=False)
             told = readable(said | {"files": []}, unit)
             del told["to change"]  # nothing was tried
             made = make(own, unit, source, said, told, run, Path(pictures) / "shapes.png")

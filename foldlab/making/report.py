@@ -67,7 +67,7 @@ def html(dossier: Dossier, drawing: Drawing, picture: bytes | None) -> str:
         title=escape(", ".join(filter(None, (dossier.title, made)))),
         colour={True: "#1B6E3C", False: "#A3261B", None: "#6B5B00"}[foldable],
         verdict=escape(verdict),
-        why=_words(dossier.told.get("why", "")),
+        why=as_html(dossier.told.get("why", "")),
         picture="" if picture is None else _image(picture, "the unit, flat to folded"),
         rows="".join(_row(name, words) for name, words in _facts(dossier).items()),
         chart=_chart(dossier),
@@ -78,7 +78,7 @@ def html(dossier: Dossier, drawing: Drawing, picture: bytes | None) -> str:
 
 def _facts(dossier: Dossier) -> dict[str, str]:
     """Headings and words of the table."""
-    out = {"sizes": _sizes(dossier.geometry)}
+    out = {"sizes": sizes(dossier.geometry)}
     out |= {name: dossier.told[name] for name in SHOWN if dossier.told.get(name, "–") != "–"}
     sheet, active = (dossier.masses[layer] for layer in LAYERS)
     out["weight"] = (
@@ -110,7 +110,7 @@ def _weight(mass: float) -> str:
     return f"{mass:.3g} kg" if mass >= 1 else f"{1e3 * mass:.3g} g"
 
 
-def _sizes(unit: Geometry) -> str:
+def sizes(unit: Geometry) -> str:
     mm = millimetres
     sheet = f"sheet {mm(unit.length)} × {mm(unit.width)} × {mm(unit.thickness)} mm"
     sheet += " (l_s × b_s × h_s)"
@@ -202,10 +202,10 @@ def views(drawing: Drawing) -> str:
 
 
 def _row(name: str, words: str) -> str:
-    return f"<tr><th>{escape(name)}</th><td>{_words(words)}</td></tr>"
+    return f"<tr><th>{escape(name)}</th><td>{as_html(words)}</td></tr>"
 
 
-def _words(words: object) -> str:
+def as_html(words: object) -> str:
     """Words with angles in degrees and symbols as symbols."""
     text = re.sub(
         r"(\d+(?:\.\d+)?) rad\b", lambda m: f"{np.degrees(float(m[1])):.3g}°", escape(str(words))

@@ -152,8 +152,11 @@ def write_path(out: Path, run: Run) -> list[str]:
     return ["curves.npz", "series/unit.pvd"]
 
 
-def draw(out: Path, label: Label, run: Run, source: SolverSource, *, animate: bool) -> list[str]:
-    """The pictures; says on stderr what could not be drawn."""
+def draw(
+    out: Path, label: Label, run: Run, source: SolverSource, *, animate: bool, measured: bool = True
+) -> list[str]:
+    """The pictures, with ``measured`` those of angles and strains, too; says on stderr what could
+    not be drawn."""
     from foldlab.plots import save_figure
     from foldlab.unit.plots import (
         plot_angles,
@@ -167,14 +170,15 @@ def draw(out: Path, label: Label, run: Run, source: SolverSource, *, animate: bo
     released = source.question == "exists"
     g, limits = label.design["contraction"], source.thresholds
     load = np.array([shape.load for shape in run.shapes])
-    figure = plot_angles(
-        run.history,
-        g,
-        (limits.angle(g), limits.most_across(g)),
-        label.evidence["events"],
-        load if released else None,
-    )
-    save_figure(figure, out / "angle.png")
+    if measured:
+        figure = plot_angles(
+            run.history,
+            g,
+            (limits.angle(g), limits.most_across(g)),
+            label.evidence["events"],
+            load if released else None,
+        )
+        save_figure(figure, out / "angle.png")
     ground = source.conditions.heavy
     titles = [
         _title(row["contraction"], e, ground) for row, e in zip(run.history, load, strict=True)
@@ -188,7 +192,7 @@ def draw(out: Path, label: Label, run: Run, source: SolverSource, *, animate: bo
         wanted = [(k, path, 1000) for k, path in names.items()]
         wanted += [(k, path, 480) for k, path in frames.items()]
         strained, most = Path(folder) / "strained.png", max(label.evidence["strain"].values())
-        wanted.append((last, strained, 1000))
+        wanted += [(last, strained, 1000)] * measured
         request = Request(
             str(out / "series" / "unit.pvd"),
             str(out / "curves.npz"),
@@ -210,12 +214,16 @@ def draw(out: Path, label: Label, run: Run, source: SolverSource, *, animate: bo
             curves = np.stack([run.shapes[k].state.curves for k in three])
             figure = plot_side(curves, label.design, chosen, ground=ground)
         save_figure(figure, out / "shapes.png")
-        if drawn:
+        if drawn and measured:
             save_figure(plot_strain(strained, most, titles[last]), out / "strain.png")
         if drawn and animate:
             write_animation(out / "fold.gif", list(frames.values()), [titles[k] for k in frames])
-    more = ["strain.png"] * bool(drawn) + ["fold.gif"] * bool(drawn and animate)
-    return ["shapes.png", "angle.png", *more]
+    return [
+        "shapes.png",
+        *["angle.png"] * measured,
+        *["strain.png"] * bool(drawn and measured),
+        *["fold.gif"] * bool(drawn and animate),
+    ]
 
 
 def _title(contraction: float, load: float, heavy: bool) -> str:

@@ -162,7 +162,8 @@ def test_tune_resumes_its_study(foldlab, labels):
 def test_quickstart(foldlab, tmp_path):
     line = (
         "quickstart --json --set n_train=300 --set n_test=100 --set n_fresh=1000 "
-        "--set map_points=900 --set symbolic_seconds=1"
+        "--set map_points=900 --set symbolic_seconds=1 --set unit=false --set proposals=0 "
+        "--set verify=0"
     )
     status, out, err = foldlab(line, "--set", 'models=["tree","network","symbolic"]')
     assert status == 0, err
@@ -170,6 +171,7 @@ def test_quickstart(foldlab, tmp_path):
     assert [row["model"] for row in result["table"]] == ["tree", "network", "symbolic"]
     assert "mlflow ui --backend-store-uri sqlite:///" in err
     assert (tmp_path / "out/quickstart/regimes_validated.png").is_file()
+    assert result["page"] == "out/quickstart/index.html" and (tmp_path / result["page"]).is_file()
     assert (tmp_path / "mlruns/mlflow.db").is_file()
 
 

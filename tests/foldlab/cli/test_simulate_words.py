@@ -184,11 +184,22 @@ def test_options_of_a_simulation_arrive_in_the_source():
     assert (*factors, g.passive_expansion) == (2.0, 3.0, 4.0, 5.0, 0.06)
 
 
-@pytest.mark.parametrize("name", ["n_train", "n_test", "n_fresh", "map_points", "proposals"])
-def test_the_quickstart_takes_one_of_each_and_not_none(name):
-    assert getattr(Settings(**{name: 1}), name) == 1
-    with pytest.raises(InputError, match=f"{name} = 0; expected at least 1"):
-        Settings(**{name: 0})
+@pytest.mark.parametrize(
+    ("name", "least"),
+    [("n_train", 1), ("n_test", 1), ("n_fresh", 1), ("map_points", 1), ("proposals", 0)],
+)
+def test_the_quickstart_takes_the_least_of_each_and_not_less(name, least):
+    assert getattr(Settings(**{"verify": 0, name: least}), name) == least
+    with pytest.raises(InputError, match=f"{name} = {least - 1}; expected at least {least}"):
+        Settings(**{"verify": 0, name: least - 1})
+
+
+def test_no_more_of_a_map_is_verified_than_there_is():
+    assert Settings(map_points=3, verify=3).verify == 3
+    with pytest.raises(InputError, match="verify = 4 of map_points = 3"):
+        Settings(map_points=3, verify=4)
+    with pytest.raises(InputError, match="verify = -1; expected at least 0"):
+        Settings(verify=-1)
 
 
 @pytest.mark.parametrize(

@@ -160,9 +160,9 @@ def test_a_study_tells_its_front_by_the_seconds_that_it_takes(foldlab, monkeypat
 # -- quickstart ------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize(("proposed", "sizes"), [(3, (40, 30, 20)), (0, (30, 30, 30))])
+@pytest.mark.parametrize(("asked", "sizes"), [(4, (40, 30, 20)), (0, (30, 30, 30))])
 def test_the_quickstart_trains_tests_and_compares_on_designs_of_their_own(
-    proposed, sizes, tmp_path, monkeypatch
+    asked, sizes, tmp_path, monkeypatch
 ):
     logged, said = [], []
     models = {"tree": "a tree", "network": "a network"}
@@ -178,7 +178,7 @@ def test_the_quickstart_trains_tests_and_compares_on_designs_of_their_own(
         yield SimpleNamespace(
             metrics=lambda values, prefix="": logged.append((prefix, dict(values))),
             figure=lambda name, figure: logged.append(name),
-            model=lambda name, model, example: logged.append((name, model, len(example))),
+            model=lambda name, model, example: logged.append((name, model, len(example))) or name,
             table=lambda name, table: logged.append((name, len(table))),
         )
 
@@ -190,28 +190,40 @@ def test_the_quickstart_trains_tests_and_compares_on_designs_of_their_own(
         seen["mapped"] = model, points
         return SimpleNamespace(accuracy=0.75)
 
-    def propose(wish, model, n, *, seed):
-        seen["proposed"] = wish.fixed, model, n, seed
-        return "answer"
+    def fold(folder):
+        label = SimpleNamespace(reason="folds by a lot")
+        return SimpleNamespace(label=label, answer={"fold_angle": 3.0})
 
-    def confirm(answer, source):
-        fraction = 0.8 if proposed else None
-        return SimpleNamespace(
-            confirmed_fraction=fraction, proposals=[1] * proposed, reason="none was predicted"
-        )
+    def designs(folder, n, *, seed, workers, say):
+        seen["designed"] = folder.name, n, seed, workers
+        answer = SimpleNamespace(proposals=[1] * 3, rejected=1, reason="only 3 designs")
+        return SimpleNamespace(answer=answer)
+
+    def heavy_map(points, verify, *, seed, workers):
+        seen["weighed"] = points, verify, seed, workers
+        return SimpleNamespace(figure="heavy", checked={"verified": 8, "verified_agree": 7})
+
+    def write(folder, contents):
+        seen["page"] = contents
+        return folder / "index.html"
 
     for name, fake in {
-        "track": track, "compare": compare, "regime_map": regime_map, "propose": propose,
-        "confirm": confirm, "plot_regimes": lambda regime, validated: validated,
+        "track": track, "compare": compare, "regime_map": regime_map,
+        "plot_regimes": lambda regime, validated: validated,
         "save_figure": lambda figure, path: path, "tracking_uri": lambda: "uri",
         "save_model": lambda model, path, metadata, overwrite: (path.name, model, metadata),
     }.items():  # fmt: skip
         monkeypatch.setattr(quickstart, name, fake)
+    for fake in (fold, designs, heavy_map):
+        monkeypatch.setattr(quickstart.showcase, fake.__name__, fake)
+    monkeypatch.setattr(quickstart.page, "write", write)
+    monkeypatch.setenv("MLFLOW_TRACKING_URI", "http://me:secret@host")
     settings = quickstart.Settings(
-        *sizes, map_points=50, symbolic_seconds=2.0, proposals=4, seed=3, models=("tree", "network")
-    )
+        *sizes, map_points=50, symbolic_seconds=2.0, unit=bool(asked), proposals=asked, verify=8,
+        seed=3, models=("tree", "network"),
+    )  # fmt: skip
     out = tmp_path / "deep" / "q"
-    result = quickstart.run(settings, out, said.append)
+    result = quickstart.run(settings, out, said.append, workers=5)
     assert seen["tracked"] == ("quickstart", asdict(settings), 3)
     names, space, seed, options = seen["compared"]
     assert (names, space, seed) == (("tree", "network"), REDUCED, 3)
@@ -221,17 +233,22 @@ def test_the_quickstart_trains_tests_and_compares_on_designs_of_their_own(
     assert len(np.unique(np.vstack(sets), axis=0)) == 90
     # What it does best on designs that it never saw is mapped, kept and asked.
     assert seen["mapped"] == ("a network", 50)
-    assert seen["proposed"] == ({"slenderness": 0.01}, "a network", 4, 3)
+    assert seen["weighed"] == (50, 8, 3, 5)
+    assert seen.get("designed") == (("designs", 4, 3, 5) if asked else None)
     assert result["best"] == "network" and result["table"] == rows
-    assert result["map_accuracy"] == 0.75
-    # Where it proposes none, it says why; it raised TypeError after all its work.
-    assert result["confirmed_fraction"] == (0.8 if proposed else None)
-    told = "80% confirmed" if proposed else "none was predicted"
-    assert f"designs  {proposed} proposed at slenderness 0.01, {told}" in said
-    assert ("network", "a network", 5) in logged and ("comparison", 2) in logged
-    assert ("tree.", rows[0]) in logged and {"regimes_predicted", "regimes_validated"} <= {
+    assert result["map_accuracy"] == 0.75 and result["verified_agree"] == 7
+    told = [result[name] for name in ("fold_angle", "confirmed", "rejected")]
+    assert told == ([3.0, 3, 1] if asked else [None] * 3)
+    assert ("designs  only 3 designs" in said) == ("unit     folds by a lot" in said) == bool(asked)
+    assert ("network", "a network", 5) in logged and ("tree", "a tree", 5) in logged
+    assert ("tree.", rows[0]) in logged and ("comparison", 2) in logged
+    assert {"regimes_predicted", "regimes_validated", "map_under_weight"} <= {
         entry for entry in logged if isinstance(entry, str)
     }
+    # An address with a password is in no page.
+    assert seen["page"].tracking is None and seen["page"].addresses["tree"] == "tree"
+    assert set(result["parts"]) < set(seen["page"].seconds)
+    assert sum(seen["page"].seconds.values()) == pytest.approx(result["seconds"])
     kept = pd.read_csv(out / "comparison.csv")
     assert kept["model"].tolist() == ["tree", "network"]
     with LabelStore(out / "labels.db", mode="read") as store:

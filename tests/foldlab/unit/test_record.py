@@ -32,6 +32,12 @@ def test_shapes_are_of_the_flat_the_half_folded_and_the_last_state(tmp_path, mon
     assert [k for k, name, _ in asked[0].pictures if name in asked[0].strained] == [wanted[-1]]
     assert asked[0].most == max(label.evidence["strain"].values()) > 0.3
     assert len(shown[0]) == 3 and (tmp_path / "shapes.png").exists()
+    # Its shapes alone, where nothing measured is asked for.
+    alone = tmp_path / "alone"
+    alone.mkdir()
+    record.draw(alone, label, run, source, animate=False, measured=False)
+    assert [path.name for path in alone.iterdir()] == ["shapes.png"]
+    assert [k for k, _, _ in asked[1].pictures] == wanted
 
 
 def test_cells_are_coloured_by_the_elastic_strain_alone():
