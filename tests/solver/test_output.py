@@ -272,3 +272,15 @@ def test_output_refuses(tmp_path):
         with pytest.raises(ValueError, match=message):
             call()
     assert [p.name for p in tmp_path.iterdir()] == ["bad.pvd"]
+
+
+def test_a_new_state_takes_a_name_that_no_other_has(tmp_path):
+    body = make("hex8")
+    u = np.zeros_like(body.nodes)
+    entry = '<DataSet timestep="0.0" part="0" load="0.0" file="fold_00001.vtu"/>'
+    text = f'<VTKFile type="Collection" version="0.1"><Collection>{entry}</Collection></VTKFile>'
+    (tmp_path / "fold.pvd").write_text(text)
+    series = Series(tmp_path / "fold.pvd", body, resume=True)
+    assert series.write(0.5, u).name == "fold_00002.vtu"
+    assert series.write(0.7, u).name == "fold_00003.vtu"
+    assert series.loads == [0.0, 0.5, 0.7] and series.times == [0.0, 1.0, 2.0]

@@ -49,3 +49,33 @@ def test_elements_through_a_layer_count_by_the_length_that_they_fill():
     assert list(through) == ["low", "top"]
     assert through["low"] == pytest.approx([1.1**2 / (1 + 0.1**2)] * 2)
     assert through["top"] == pytest.approx([1.0, 1.0])
+
+
+def test_elements_through_a_layer_are_counted_wherever_it_lies():
+    mesh = box([10, 11, 12], [-3, -2], [0, 1, 2, 3])
+    assert quality(mesh, (0, 0, 1)).through["the mesh"] == pytest.approx((3.0, 3.0))
+    assert quality(mesh, (5, 0, 0)).through["the mesh"] == pytest.approx((2.0, 2.0))
+
+
+def test_a_mesh_says_its_figures_in_words():
+    mesh = box([0, 1, 3], [0, 1], [0, 0.5])
+    q = quality(mesh, (0, 0, 1))
+    assert (q.kind, q.cells, q.parts, q.inverted) == ("hexahedra", 2, 1, 0)
+    assert q.nodes == mesh.doflocs.shape[1] and q.sizes == pytest.approx((0.5, 2.0))
+    # Of 2 by 1 by 0.5 and of 1 by 1 by 0.5.
+    assert q.aspect == pytest.approx((4.0, 3.0)) and q.scaled_jacobian == pytest.approx((1, 1))
+    words = str(q).splitlines()
+    assert words[0].startswith("2 hexahedra, ") and words[0].endswith(", 1 part")
+    assert words[1] == "edges 0.5 to 2" and words[2] == "aspect ratio: largest 4, median 3"
+    assert words[-1] == "elements through the mesh: least 1, median 1"
+    assert not any("inverted" in line for line in words)
+
+
+def test_inverted_cells_are_counted_and_told():
+    mesh = skfem.MeshHex.init_tensor([0, 1, 2, 3], [0, 1], [0, 1])
+    p = mesh.p.copy()
+    # One edge of the last cell is pushed through the face before it.
+    p[0, (p[0] == 3) & (p[1] == 0)] = 1.0
+    q = quality(skfem.MeshHex(p, mesh.t))
+    assert q.inverted == 1 and q.scaled_jacobian[0] < 0
+    assert "1 cells are inverted" in str(q)

@@ -52,3 +52,17 @@ def test_senseless_sizes_are_refused():
             LoadPace(**(sizes | options))
     with pytest.raises(ValueError, match="easy = 0"):
         ArcPace(0.1, 1.0, 1e-4, 4.0, 0)
+
+
+def test_control_of_another_stepper_says_nothing_of_semi_axes():
+    pace = ArcPace(a=0.1, b=1.0, smallest=1e-2, largest=4.0, easy=4)
+    assert pace.now((0.2, 3.0)) == (0.2, 3.0)
+    assert pace.now(()) == pace.now((0.5,)) == (0.1, 1.0)
+
+
+def test_semi_axes_change_by_a_factor_of_two_at_most():
+    pace = ArcPace(a=0.1, b=1.0, smallest=1e-2, largest=8.0, easy=4)
+    metric = Metric(0.2, 2.0, 3, 1.0)
+    assert pace.following(metric, (9.0, 90.0), 4) == pytest.approx((0.4, 4.0))
+    assert pace.following(metric, (1e-6, 1e-6), 4) == pytest.approx((0.1, 1.0))
+    assert not pace.allows(0.00099, 0.0099) and pace.allows(0.1, 0.0)
