@@ -14,6 +14,7 @@ from campaign_sources import FOLDS, NOT, Counted, Hangs, Slow, Threads, designs
 
 from foldlab.campaign import campaign, worker
 from foldlab.campaign.campaign import run_campaign
+from foldlab.labels.label import Label
 from foldlab.labels.store import LabelStore
 
 
@@ -125,3 +126,56 @@ def test_a_source_without_an_end_has_no_limit(tmp_path):
     endless.timeout = float("inf")
     report, _ = run([FOLDS, NOT], tmp_path / "s.db", endless, workers=1)
     assert (report.folds, report.not_folds) == (1, 1)
+
+
+DESIGN = {"x": 1.0, "y": 2.0}
+
+
+@pytest.mark.parametrize(
+    ("made", "says"),
+    [
+        (None, "the source returned NoneType instead of a Label"),
+        (Label({"x": 1.0}, True, "so"), "the source returned the label of another design"),
+        (Label(DESIGN, "yes", "so"), "the source returned a bad label: foldable is 'yes'"),
+        (Label(DESIGN, True, "so", {"angle": float("nan")}), "the evidence is not usable (angle"),
+    ],
+)
+def test_what_is_no_label_of_the_design_is_an_unknown_one_with_the_reason(made, says):
+    label = worker.ask(lambda design: made, DESIGN)
+    assert label.foldable is None and label.reason.startswith(says) and label.design == DESIGN
+
+
+def test_a_source_gets_a_copy_of_its_design_and_may_take_the_program_down_with_it():
+    def greedy(design):
+        design["x"] = 9.0
+        raise ValueError("a\n  long   way")
+
+    label = worker.ask(greedy, DESIGN)
+    assert DESIGN == {"x": 1.0, "y": 2.0} == label.design
+    assert label.reason == "ValueError: a long way" and label.evidence["seconds"] >= 0
+    assert label.evidence["raised_at"].startswith("test_worker.py:")
+    assert label.evidence["raised_at"].endswith(" in greedy")
+    assert worker.ask(lambda design: sys.exit(3), DESIGN).reason == "SystemExit: 3"
+    with pytest.raises(KeyboardInterrupt):
+        worker.ask(lambda design: (_ for _ in ()).throw(KeyboardInterrupt), DESIGN)
+
+
+def test_an_exception_is_one_line_of_limited_length_or_its_name():
+    class Mute(Exception):
+        def __str__(self):
+            raise RuntimeError
+
+    assert worker.sentence(ValueError()) == "ValueError"
+    assert worker.sentence(Mute()) == "Mute: its message can't be read"
+    told = worker.sentence(ValueError("x" * 900))
+    assert told == "ValueError: " + "x" * worker.LONGEST_MESSAGE
+
+
+def test_workers_that_died_on_a_design_are_counted():
+    class KilledWorker(Exception):
+        allowed_failures = 3
+
+    label = worker.failed(KilledWorker("gone"), DESIGN)
+    assert "on each of the 4 workers that tried it" in label.reason
+    assert label.evidence == {"outcome": "worker_died"} and label.foldable is None
+    assert worker.killed(KilledWorker()) and not worker.killed(ValueError())

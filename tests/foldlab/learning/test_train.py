@@ -1,15 +1,16 @@
 """From a table of labels to a model: what is kept aside, and what is too little."""
 
 import numpy as np
+import pandas as pd
 import pytest
 
-from foldlab.design import PATTERNED, REDUCED
+from foldlab.design import FULL, PATTERNED, REDUCED
 from foldlab.errors import InputError
 from foldlab.labels import timoshenko
 from foldlab.labels.timoshenko import TimoshenkoSource
 from foldlab.learning import train
 from foldlab.learning.saving import load_model, save_model
-from foldlab.learning.train import train_on
+from foldlab.learning.train import known_angles, train_on
 
 
 def table(folding, not_folding):
@@ -75,3 +76,92 @@ def test_strips_are_learnt_and_saved(tmp_path):
     solid = fresh.drop(columns=["strips", "strip_share"])
     with pytest.raises(InputError, match="lacks strips, strip_share"):
         again.predict_proba(solid)
+
+
+@pytest.mark.parametrize("holdout", [0.0, 1.0])
+def test_a_holdout_is_a_fraction(untrained, holdout):
+    with pytest.raises(InputError, match=f"holdout = {holdout:g}; expected a fraction"):
+        train_on(table(50, 50), "tree", seed=0, holdout=holdout)
+
+
+def test_five_of_a_kind_are_the_least(untrained):
+    with pytest.raises(InputError, match="4 of 54 designs fold; training needs at least 5 of each"):
+        train_on(table(4, 50), "tree", seed=0)
+    with pytest.raises(InputError, match="50 of 50 designs fold"):
+        train_on(table(50, 0), "tree", seed=0)
+    with pytest.raises(AssertionError, match="training began"):
+        train_on(table(5, 50), "tree", seed=0)
+
+
+def test_what_is_held_out_is_halved_where_a_threshold_or_doubts_are_chosen():
+    labels = table(300, 300)
+    labels["foldable"] = labels["foldable"].astype("boolean")
+    labels.loc[labels.index[:7], "foldable"] = None
+    _, plain = train_on(labels, "tree", seed=0, holdout=0.4)
+    assert (plain["labels"], plain["unknown"], plain["calibration_labels"]) == (356, 7, 0)
+    assert plain["holdout_n"] == 237 and plain["threshold"] is plain["borders"] is None
+    options = {"max_depth": 3, "min_samples_leaf": 30}
+    for more in ({"rate": 0.3}, {"coverage": 0.8}, {"rate": 0.3, "coverage": 0.8}):
+        _, card = train_on(labels, "tree", seed=0, holdout=0.4, options=options, **more)
+        assert (card["labels"], card["calibration_labels"], card["holdout_n"]) == (356, 119, 118)
+        assert (card["threshold"] is not None) == ("rate" in more)
+        assert (card["borders"] is not None) == ("coverage" in more)
+        assert ("holdout_decided" in card) == ("coverage" in more)
+    assert card["borders"]["coverage"] == 0.8 and card["borders"]["labels"] == 119
+    known = labels[labels["foldable"].notna()]
+    for name, (low, high) in card["bounds"].items():
+        assert known[name].min() <= low < high <= known[name].max()
+    assert (card["model"], card["space"], card["inputs"], card["seed"]) == (
+        "tree", "reduced", "groups", 0,
+    )  # fmt: skip
+
+
+def test_an_angle_of_a_path_that_did_not_end_is_left_out():
+    labels = FULL.sample(60, seed=0).assign(fold_angle=np.linspace(0.1, 2.0, 60))
+    labels["foldable"] = pd.array([True, False] * 30, dtype="boolean")
+    labels.loc[[0, 1], "foldable"] = None
+    labels.loc[5, "fold_angle"] = np.nan
+    known, missing = known_angles(labels, FULL)
+    assert missing == 3 and not {0, 1, 5} & set(known.index) and len(known) == 57
+    assert known["fold_angle"].tolist() == labels["fold_angle"].drop([0, 1, 5]).tolist()
+    _, card = train_on(labels, "angle", seed=0, holdout=0.5)
+    assert (card["labels"], card["holdout_n"], card["without_angle"]) == (29, 28, 3)
+    assert card["task"] == card["model"] == "angle" and card["train_seconds"] > 0
+    for few, enough in ((22, True), (21, False)):
+        some = known.head(few)
+        if enough:
+            assert train_on(some, "angle", seed=0, holdout=0.1)[1]["labels"] == 20
+        else:
+            with pytest.raises(
+                InputError, match=r"21 designs have a fold angle; a holdout of 0\.1"
+            ):
+                train_on(some, "angle", seed=0, holdout=0.1)
+    with pytest.raises(InputError, match="no design in the table has a fold angle"):
+        known_angles(labels.assign(fold_angle=np.nan), FULL)
+    with pytest.raises(InputError, match="has no column fold_angle"):
+        known_angles(labels.drop(columns="fold_angle"), FULL)
+    for more in ({"rate": 0.1}, {"coverage": 0.9}):
+        with pytest.raises(InputError, match="says an angle and no probability"):
+            train_on(labels, "angle", seed=0, **more)
+
+
+def test_the_symbolic_model_gets_the_threshold_and_the_sign_of_its_labels(monkeypatch):
+    made = {}
+
+    class Model:
+        def set_params(self, **given):
+            made.update(given)
+
+        def fit(self, X, y):
+            made.update(X=len(X), y=list(y))
+            return self
+
+    monkeypatch.setattr(train, "make_classifier", lambda *_, **__: Model())
+    labels = REDUCED.sample(4, seed=0).assign(
+        foldable=pd.array([True, None, False, True], dtype="boolean"),
+        normalised_angle=[3.0, 9.0, np.nan, 2.0], threshold=2.5,
+    )  # fmt: skip
+    train.fit("symbolic", REDUCED, labels, seed=0)
+    assert made == {"threshold": 2.5, "margin": False, "X": 2, "y": [3.0, 2.0]}
+    train.fit("symbolic", REDUCED, labels.assign(normalised_angle=[3.0, 1.0, 1.0, 0.0]), seed=0)
+    assert made["margin"] is True and made["y"] == [3.0, 1.0, 0.0]

@@ -4,10 +4,12 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
+import skfem
 from pytest import approx
 
 from solver.cases.tissue import furrow, neural_tube
 from solver.cases.tissue.model import Tissue, evaluated, ramp
+from solver.mesh.structured import box
 
 
 @pytest.fixture(scope="module")
@@ -206,3 +208,12 @@ def test_shapes_at_their_bounds_are_refused(case, bad):
     with pytest.raises(ValueError, match="expected"):
         case.Shape(**bad)
     assert neural_tube.Shape(posterior=1.0).posterior == 1.0
+
+
+def test_hexahedra_are_split_into_24_tetrahedra_that_fill_them():
+    mesh = box([0, 1, 3], [0, 1], [0, 2], quadratic=False)
+    tets = furrow.split(skfem.MeshHex(mesh.p, mesh.t))
+    X = tets.p[:, tets.t]
+    volumes = np.abs(np.linalg.det(np.moveaxis(X[:, 1:] - X[:, :1], -1, 0))) / 6
+    assert tets.t.shape[1] == 48 and volumes.sum() == approx(6.0)
+    assert sorted(set(volumes.round(9))) == approx([2 / 24, 4 / 24])
