@@ -25,8 +25,10 @@ def test_pressures_that_are_not_reached_are_told():
 def test_meshes_stand_beside_the_finest_by_unknowns_per_wedge():
     sphere = [{"stretch": 1.1, "pressure": 0.01, "error": -0.02},
               {"stretch": 1.2, "pressure": 0.02, "error": 0.01}]  # fmt: skip
-    rows = [{"mesh": "hex27, level 0", "part": "wedge", "unknowns": 240, "beside_finest": -0.01},
-            {"mesh": "tet4", "part": "sphere", "unknowns": 2400, "beside_finest": 0.05}]  # fmt: skip
+    rows = [
+        {"mesh": "hex27, level 0", "part": "wedge", "unknowns": 240, "beside_finest": -0.01},
+        {"mesh": "tet4", "part": "sphere", "unknowns": 2400, "beside_finest": 0.05},
+    ]
     curves = {"hex27, level 0": [(0.0, 0.0), (0.1, 0.5)], "tet4": [(0.0, 0.0), (0.1, 0.4)]}
     left, middle, right = plots.plot_inflation(sphere, {1.1: 0.01}, rows, curves, 0.1).axes
     assert left.get_title() == "thick sphere: at most 2 % apart"
