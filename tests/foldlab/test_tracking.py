@@ -240,7 +240,8 @@ def logged(fitted, empty, tmp_path_factory):
 @pytest.fixture
 def in_logged(logged, monkeypatch):
     monkeypatch.chdir(logged[0])
-    mlflow.set_tracking_uri("sqlite:///mlruns/mlflow.db")
+    # MLflow keeps one store per address: a relative one may be that of another folder.
+    mlflow.set_tracking_uri(f"sqlite:///{logged[0] / 'mlruns' / 'mlflow.db'}")
     yield logged[1]
     mlflow.set_tracking_uri(None)
     monkeypatch.delenv("MLFLOW_TRACKING_URI", raising=False)
