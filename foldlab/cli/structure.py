@@ -91,7 +91,13 @@ def structure(
             note("hinges by the solver …")
             body, laws = from_labels(body, accuracy=folded.accuracy, timeout=folded.timeout)
         try:
-            result = judge(body, effects, need=folded.need, timeout=folded.timeout, tell=note)
+            result = judge(
+                body,
+                effects,
+                need=folded.need,
+                timeout=folded.timeout,
+                tell=note,
+            )
         except ValueError as error:
             raise InputError(str(error)) from None
         told = summary(result, unit, laws)

@@ -16,10 +16,10 @@ import numpy as np
 from foldlab.labels.foldability import Thresholds
 
 if TYPE_CHECKING:
-    from solver.cases.structure.model import Structure
+    from solver.cases.structure.parts import Structure
     from solver.cases.structure.path import Folding
 
-SAG = 0.05  # rad that a panel's edge may sag by, clamped at its hinge, and still pass as rigid
+SAG = 0.05  # rad that a panel's far edge may sag by, clamped at its hinge, and still pass as rigid
 AGAIN = 0.05  # of the natural angle, by which a hinge must turn further without an effect
 
 
@@ -40,14 +40,16 @@ def answer(
     effects: Sequence[str] = ("gravity", "ground", "contact"),
     *,
     need: float | None = None,
+    upright: bool = False,
     timeout: float = 60.0,
     turn: float = 0.25,
     tell: Callable[[str], None] = lambda text: None,
 ) -> Answer:
     """Follow a structure's path and judge it.
 
-    ``need``: rad that count as folded; ``timeout``: core-seconds of each path. Raises ValueError
-    for effects that are none, and a structure that hangs together with nothing.
+    ``need``: rad that count as folded; ``upright``: held against toppling; ``timeout``:
+    core-seconds of each path. Raises ValueError for effects that are none, and a structure that
+    hangs together with nothing.
     """
     from solver.cases.structure.model import build
     from solver.cases.structure.path import Ending, fold
@@ -55,7 +57,7 @@ def answer(
 
     def path(effects):
         start = core_seconds()
-        model = build(structure, effects, deadline=start + timeout)
+        model = build(structure, effects, upright=upright, deadline=start + timeout)
         tell(f"{len(structure.pattern.panels)} panels, {model.scene.size} unknowns")
         return fold(model, turn=turn), core_seconds() - start
 
@@ -126,16 +128,17 @@ def _explain(structure: Structure, effects, hinges: list[dict[str, Any]], path) 
 
 
 def _evidence(structure: Structure, folding: Folding, spent: float) -> dict[str, Any]:
+    panels, heavy = len(structure.pattern.panels), folding.model.ground is not None
     out: dict[str, Any] = {
         "outcome": folding.ending.name.lower(),
         "core_seconds": spent,
-        "panels": len(structure.pattern.panels),
+        "panels": panels,
         "unknowns": folding.model.scene.size,
         "states": len(folding.states),
         "iterations": folding.iterations,
         "effects": list(folding.model.effects),
-        "mass": float(structure.masses[0].sum()),
-        "panel_sag": _sag(structure) if "gravity" in folding.model.effects else 0.0,
+        "mass": float(folding.model.parts.mass.sum()),
+        "panel_sag": max(map(structure.sag, range(panels))) if heavy else 0.0,
         "events": [vars(h) | {"e": float(h.e)} for h in folding.happenings],
     }
     if folding.states:
@@ -151,21 +154,6 @@ def _evidence(structure: Structure, folding: Folding, spent: float) -> dict[str,
             "strain": strain(structure, last.angles),
         }
     return out
-
-
-def _sag(structure: Structure) -> float:
-    """Largest angle that the far edge of a panel would turn by under its weight, clamped at one of
-    its hinges, rad: q L³ / 6 B."""
-    sheet, nu = structure.sheet, structure.nu
-    bending = sheet.E * sheet.h**3 / (12 * (1 - nu**2))
-    load = sheet.rho * sheet.h * structure.g
-    most = 0.0
-    for hinge in structure.pattern.hinges:
-        across = np.array([-hinge.axis[1], hinge.axis[0]])
-        for face, side, way in zip(hinge.faces, hinge.sides, (-1, 1), strict=True):
-            reach = float(((structure.pattern.panels[face] - side) @ across * way).max())
-            most = max(most, load * reach**3 / (6 * bending))
-    return most
 
 
 def strain(structure: Structure, angles: np.ndarray) -> dict[str, float]:
@@ -193,15 +181,17 @@ def _verdict(folding: Folding, ended: bool, hinges, fails, evidence) -> tuple[bo
         reached = f" (reached e = {evidence['contraction_reached']:.3f})" if folding.states else ""
         return None, f"unknown: {folding.detail}{reached}"
     driven = [h for h in hinges if h["folds"] is not None]
-    error = max((h["error"] or 0.0 for h in driven), default=0.0)
-    sure = f", angles of single hinges to {100 * error:.2g} %" if error else ""
-    if evidence["panel_sag"] > SAG:
-        sure += (
-            f"; panels would sag by {evidence['panel_sag']:.2g} rad under their weight, which "
-            "rigid ones don't"
-        )
+    errors = [h["error"] for h in driven]
+    sure = ", by sections alone, whose error is not known"
+    if None not in errors:
+        sure = f", angles of single hinges to {100 * max(errors):.2g} %"
+    sag = evidence["panel_sag"]
+    told = f"panels would sag by {sag:.2g} rad under their weight, which rigid ones don't"
+    if not fails and sag > SAG:
+        return None, f"unknown: rigid panels fold at all {len(driven)} hinges, but {told}"
     if not fails:
         return True, f"all {len(driven)} hinges fold{sure}"
+    sure += f"; {told}" if sag > SAG else ""
     causes: dict[str, int] = {}
     for h in fails:
         causes[h["why"]] = causes.get(h["why"], 0) + 1

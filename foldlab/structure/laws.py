@@ -11,7 +11,7 @@ from foldlab.labels.asked import Conditions, Effort
 from foldlab.labels.solver import SolverSource
 
 if TYPE_CHECKING:
-    from solver.cases.structure.model import Structure
+    from solver.cases.structure.parts import Structure
 
 PANELS = 3.0  # l_s of the unit, in lengths of its hinge
 

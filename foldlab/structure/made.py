@@ -10,7 +10,7 @@ from foldlab.errors import InputError
 if TYPE_CHECKING:
     from foldlab.structure.files import Drawn
     from foldlab.unit.sized import Sized
-    from solver.cases.structure.model import Structure
+    from solver.cases.structure.parts import Structure
 
 
 def structure_of(
@@ -27,7 +27,7 @@ def structure_of(
     ``size``: see :meth:`foldlab.structure.files.Drawn.pattern`. Raises :class:`InputError`.
     """
     from solver.cases.structure.hinges import Layer
-    from solver.cases.structure.model import Structure
+    from solver.cases.structure.parts import Structure
 
     for name in ("l_s", "b_s", "b_i"):
         if name in given:

@@ -3,7 +3,8 @@
 import numpy as np
 
 from solver.cases.structure.hinges import Law, Layer
-from solver.cases.structure.model import EFFECTS, Structure, build
+from solver.cases.structure.model import EFFECTS, build
+from solver.cases.structure.parts import Structure
 from solver.cases.structure.path import fold
 from solver.cases.structure.pattern import Crease, Pattern
 
@@ -69,7 +70,7 @@ def for_angle(angle: float, length: float, h=THICKNESS) -> float:
     return brentq(off, 1e-6, 0.4)
 
 
-def folded(pattern, angle, *, length=0.1, effects=EFFECTS, gamma=10.0, **options):
+def folded(pattern, angle, *, length=0.1, effects=EFFECTS, gamma=10.0, upright=False, **options):
     """Followed with layers that would fold each hinge by ``angle`` (rad)."""
     made = structure(pattern, contraction=for_angle(angle, length), gamma=gamma)
-    return fold(build(made, effects), **options)
+    return fold(build(made, effects, upright=upright), **options)

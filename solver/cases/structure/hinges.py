@@ -20,6 +20,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 
 import numpy as np
 from scipy.interpolate import PchipInterpolator
@@ -59,16 +60,19 @@ class Law:
     """What a hinge does over its layer's contraction, from 0 to full in even steps.
 
     ``angle`` (k,): θ₀, rad; ``stiffness`` (k,): moment per radian; ``stretch`` (k,): λ₀;
-    ``others`` (5,): stiffness in-plane bending, twist, shear along the axis, stretch, and the
-    factor on B w/l³ of shear across; ``error``: of the angle, as a ratio.
+    ``stretching``: E A per length of the strip; ``twist``: moment per radian about s; ``length``
+    and ``width`` of the strip; ``error``: of the angle, as a ratio, None where it is not known.
     """
 
     angle: np.ndarray
     stiffness: np.ndarray
     stretch: np.ndarray
-    others: np.ndarray
+    stretching: float
+    twist: float
     length: float
-    error: float = 0.0
+    width: float
+    nu: float = 0.3
+    error: float | None = None
     _curves: tuple = field(init=False, repr=False)
 
     def __post_init__(self):
@@ -79,6 +83,17 @@ class Law:
     def at(self, e: float) -> tuple[float, float, float]:
         """θ₀, stiffness in bending and λ₀ at the fraction e of the contraction."""
         return tuple(float(curve(e)) for curve in self._curves)
+
+    def stiffnesses(self, bending: float) -> tuple[float, ...]:
+        """Of the six residuals (see the module), by that in bending."""
+        in_plane = self.stretching * self.width**2 / 12
+        shear = SHEAR * self.stretching * (1 - self.nu) / 2
+        along = 1 / (self.length**3 / (12 * in_plane) + self.length / shear)
+        across = 12 * bending / self.length**2
+        return (
+            bending, in_plane / self.length, self.twist, along, self.stretching / self.length,
+            across,
+        )  # fmt: skip
 
     @classmethod
     def of_section(
@@ -110,17 +125,22 @@ class Law:
 
     @classmethod
     def _of(cls, angle, bending, stretch, stretching, length, width, nu) -> Law:
-        in_plane = stretching * width**2 / 12
-        shear = SHEAR * stretching * (1 - nu) / 2
-        along = 1 / (length**3 / (12 * in_plane) + length / shear)
         # Of a wide strip every fibre is sheared by as much as it lies off the middle.
         twist = (2 * (1 - nu) + (width / length) ** 2) * float(bending[0]) / length
-        others = np.array([in_plane / length, twist, along, stretching / length, 12 / length**2])
-        return cls(angle, bending / length, stretch, others, length)
+        return cls(angle, bending / length, stretch, stretching, twist, length, width, nu)
 
     def with_angle(self, angle: np.ndarray, error: float) -> Law:
         """The law with another angle (k,) over the contraction, known to ``error``."""
         return replace(self, angle=angle, error=error)
+
+    @cached_property
+    def half(self) -> Law:
+        """Of which two in a row are this one: the line between them is free to turn, but for its
+        warping, which a whole strip's twist has in it."""
+        return replace(
+            self, angle=self.angle / 2, stiffness=2 * self.stiffness, twist=2 * self.twist,
+            length=self.length / 2,
+        )  # fmt: skip
 
 
 class Hinges:
@@ -180,13 +200,12 @@ class Hinges:
         W = np.stack([na, sa, sa, na, sa, na, ta, tb, sa, na], axis=1)
         return V, W
 
-    def strips(self, u: np.ndarray) -> np.ndarray:
-        """Corners (hinges, 4, 3) of each strip: its side on a, then back along that on b."""
+    def sides(self, u: np.ndarray) -> np.ndarray:
+        """Ends (hinges, 2, 2, 3) of each strip's side on a and of that on b, along the axis."""
         y = (self.body.nodes + u)[self.nodes]
         half = np.array([h.width / 2 for h in self.hinges])[:, None, None]
         middle, axis = self._places @ y, self._axes @ y
-        low, high = middle - half * axis, middle + half * axis
-        return np.stack([low[:, 0], high[:, 0], high[:, 1], low[:, 1]], axis=1)
+        return np.stack([middle - half * axis, middle + half * axis], axis=2)
 
     def angles(self, u: np.ndarray) -> np.ndarray:
         """θ of each hinge, rad, positive where the panels rise towards its upper side."""
@@ -208,7 +227,7 @@ class Hinges:
         for law, fold, start, end in self._kinds:
             on = min(max((e - start) / (end - start), 0.0), 1.0) if fold else 0.0
             theta, stiff, stretch = law.at(on)
-            k.append((stiff, *law.others[:4], stiff * law.others[4]))
+            k.append(law.stiffnesses(stiff))
             angle.append(fold * theta)
             length.append(stretch * law.length)
         return tuple(np.array(values)[self._kind] for values in (k, angle, length))

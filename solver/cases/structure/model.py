@@ -1,23 +1,24 @@
 """A structure of rigid panels and hinges: the fast level.
 
-Panels are rigid, hinges bend by a law (:mod:`solver.cases.structure.hinges`); weight, ground and
-contact of panels act where they are asked for. What this level misses: panels that sag or twist,
-hinges that curve about the other axis, the sheet that hinges share around a vertex, friction.
+Parts are rigid (:mod:`solver.cases.structure.parts`), hinges bend by a law
+(:mod:`solver.cases.structure.hinges`); weight, ground and contact of panels act where they are
+asked for. What this level misses: panels that sag or twist, hinges that curve about the other axis,
+the sheet around a vertex, friction.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from functools import cached_property
 
 import numpy as np
 import scipy.sparse as sp
 import skfem
 
-from solver.cases.structure.hinges import Hinges, Law, Layer, point_weights
+from solver.cases.structure.hinges import Hinges, point_weights
 from solver.cases.structure.linked import Linked
-from solver.cases.structure.pattern import Pattern, area_of, triangles
+from solver.cases.structure.parts import Parts, Structure
+from solver.cases.structure.pattern import area_of, triangles
 from solver.cases.structure.touch import PointGround, Touch
 from solver.equilibrium.clock import Deadline
 from solver.equilibrium.scene import Scales, Scene
@@ -33,78 +34,17 @@ EFFECTS = ("gravity", "ground", "contact")
 
 
 @dataclass(frozen=True, eq=False)
-class Structure:
-    """What is folded: ``sheet``, and on each hinge of ``pattern`` a layer of ``layers`` (one for
-    all, or one per crease; None: the sheet alone) with its ``laws``.
-
-    ``g``: the acceleration of gravity. Raises ValueError for what does not fit together.
-    """
-
-    pattern: Pattern
-    sheet: Layer
-    layers: tuple[Layer | None, ...]
-    laws: tuple[Law, ...]
-    g: float = 9.81
-    nu: float = 0.3
-
-    @classmethod
-    def of(
-        cls,
-        pattern: Pattern,
-        sheet: Layer,
-        layer: Layer | Sequence[Layer | None],
-        *,
-        g: float = 9.81,
-        nu: float = 0.3,
-    ) -> Structure:
-        """With the laws of bilayer sections; creases that don't fold have no layer."""
-        count = len(pattern.hinges)
-        layers = (layer,) * count if isinstance(layer, Layer) else tuple(layer)
-        if len(layers) != count:
-            raise ValueError(f"{len(layers)} layers for {count} creases; expected one, or one each")
-        layers = tuple(
-            own if h.crease.fold else None for own, h in zip(layers, pattern.hinges, strict=True)
-        )
-        known: dict = {}
-        laws = []
-        for hinge, own in zip(pattern.hinges, layers, strict=True):
-            key = own, hinge.crease.length, round(hinge.width, 12)
-            if key not in known:
-                size = key[1], hinge.width, nu
-                bare = own is None
-                known[key] = (
-                    Law.of_sheet(sheet, *size) if bare else Law.of_section(sheet, own, *size)
-                )
-            laws.append(known[key])
-        return cls(pattern, sheet, layers, tuple(laws), g, nu)
-
-    @cached_property
-    def masses(self) -> tuple[np.ndarray, np.ndarray]:
-        """Of the parts that weigh, each on a panel: mass (k,), and (k, 3): panel, x and y."""
-        mass, where = [], []
-        for k, outline in enumerate(self.pattern.panels):
-            for t in triangles(outline):
-                mass.append(self.sheet.rho * self.sheet.h * area_of(outline[t]))
-                where.append((k, *outline[t].mean(axis=0)))
-        for hinge, layer in zip(self.pattern.hinges, self.layers, strict=True):
-            per_area = self.sheet.rho * self.sheet.h
-            if layer is not None:
-                per_area += layer.rho * layer.h
-            half = per_area * hinge.crease.length * hinge.width / 2
-            middle = hinge.sides.mean(axis=0)
-            for face, side in zip(hinge.faces, hinge.sides, strict=True):
-                mass.append(half)
-                where.append((face, *((side + middle) / 2)))
-        return np.array(mass), np.array(where)
-
-
-@dataclass(frozen=True, eq=False)
 class Model:
-    """A structure as a scene. ``corners`` (v, n) sparse: weights of the nodes at the panels'
-    corners, ``owners`` (v,): of which panel each is."""
+    """A structure as a scene: four nodes for each of its ``parts``.
+
+    ``corners`` (v, n) sparse: weights of the nodes at the panels' corners, ``owners`` (v,): of
+    which panel each is.
+    """
 
     structure: Structure
     effects: tuple[str, ...]
+    upright: bool
+    parts: Parts
     body: Body
     scene: Scene = field(repr=False)
     hinges: Hinges
@@ -114,17 +54,27 @@ class Model:
     owners: np.ndarray = field(repr=False)
 
     def angles(self, x: np.ndarray, e: float) -> np.ndarray:
-        """Angle of each hinge, rad, (hinges,)."""
-        return self.hinges.angles(self.scene.displacement(x, e))
+        """Angle of each crease's hinge, rad, (creases,)."""
+        angles = self.hinges.angles(self.scene.displacement(x, e))
+        return angles.reshape(-1, self.parts.crease).sum(axis=1)
 
     def panels(self, x: np.ndarray, e: float) -> list[np.ndarray]:
         """Outline (k, 3) of the middle surface of each panel."""
         X = self.corners @ (self.body.nodes + self.scene.displacement(x, e))
-        return [X[self.owners == k] for k in range(len(self.structure.pattern.panels))]
+        return [X[self.owners == k] for k in range(len(self.parts.outlines))]
 
     def strips(self, x: np.ndarray, e: float) -> np.ndarray:
-        """Corners (hinges, 4, 3) of each hinge's strip, as if it were straight."""
-        return self.hinges.strips(self.scene.displacement(x, e))
+        """Corners (creases, 4, 3) of each hinge's strip, as if it were straight: its side on a,
+        then back along that on b."""
+        sides = self.hinges.sides(self.scene.displacement(x, e))
+        a, b = sides[:: self.parts.crease, 0], sides[self.parts.crease - 1 :: self.parts.crease, 1]
+        return np.concatenate([a, b[:, ::-1]], axis=1)
+
+    def centre_of_mass(self, u: np.ndarray) -> np.ndarray:
+        """Of the structure displaced by u (n, 3), (3,)."""
+        mass, Y = self.parts.mass, self.body.nodes + u
+        owners, places = _of_masses(self.parts)
+        return mass @ (_points(self.body, owners, places) @ Y) / mass.sum()
 
     def anchored(self, x: np.ndarray, e: float) -> Model:
         """The model for the step from x: angles go on from those there, contact is ready for what
@@ -140,14 +90,17 @@ def build(
     structure: Structure,
     effects: Sequence[str] = EFFECTS,
     *,
+    upright: bool = False,
     deadline: float | None = None,
     rigid: float = RIGID,
 ) -> Model:
     """The scene of a structure lying flat.
 
     ``effects``: of "gravity", "ground" and "contact"; gravity and ground come together.
-    ``deadline``: as in :class:`solver.cases.unit.choices.Watch`. Raises ValueError for unknown
-    effects, and for panels that hang together with nothing.
+    ``upright``: a structure that folds symmetrically is held against toppling, by its mean
+    rotation. ``deadline``: as in
+    :class:`solver.cases.unit.choices.Watch`. Raises ValueError for unknown effects, and for panels
+    that hang together with nothing.
     """
     effects = tuple(effects)
     unknown = [name for name in effects if name not in EFFECTS]
@@ -155,92 +108,101 @@ def build(
         raise ValueError(f"effect {unknown[0]!r}; expected some of {', '.join(EFFECTS)}")
     if ("gravity" in effects) != ("ground" in effects):
         raise ValueError("weight and ground come together; give both effects or none")
-    pattern = structure.pattern
-    body = _body(structure)
-    pairs = np.array([h.faces for h in pattern.hinges], int).reshape(-1, 2)
-    sides = np.array(
-        [
-            [
-                point_weights(body, face, np.array([*side, 0.0]))
-                for face, side in zip(h.faces, h.sides, strict=True)
-            ]
-            for h in pattern.hinges
-        ]
-    ).reshape(-1, 2, 4)
-    mass, where = structure.masses
-    heaviest = int(np.argmax(np.bincount(where[:, 0].astype(int), mass)))
-    linked = Linked.of_hinges(len(pattern.panels), pairs, sides, heaviest)
-    if len(linked.order) < len(pattern.panels):
-        reached = set(linked.order.tolist())
-        loose = sorted(min(reached, set(range(len(pattern.panels))) - reached, key=len))
-        raise ValueError(f"the faces {loose} hang together with the others by no crease")
+    heavy = "gravity" in effects
+    pattern, h = structure.pattern, structure.sheet.h
+    parts = Parts.of(structure, heavy)
+    body = _body(parts)
+    linked = _linked(structure, parts, body)
     stiffness = np.array([law.stiffness[0] for law in structure.laws])
-    volume = body.weights.sum(axis=1)
-    modulus = rigid * stiffness.sum() / volume
-    hinges = Hinges(body, pattern.hinges, structure.laws)
+    modulus = rigid * stiffness.sum() / body.weights.sum(axis=1)
+    hinges = Hinges(body, parts.hinges, parts.laws)
     terms: list[Term] = [Elastic(body, NeoHookean(modulus, 0.0)), hinges]
-    corners, owners, faces = _corners(body, pattern, -structure.sheet.h / 2)
     ground = contact = None
-    h = structure.sheet.h
-    if "gravity" in effects:
-        ground = PointGround(
-            body, corners, force=structure.g * mass.sum() / 3, depth=0.1 * h, height=-h / 2
-        )
-        terms += [PointLoad(body, *_weight(structure, body, mass, where), name="gravity"), ground]
-    middle, owners, faces = _corners(body, pattern, 0.0)
+    if heavy:
+        owners, places = parts.underside(structure)
+        low = min(place[2] for place in places)
+        points, force = _points(body, owners, places), structure.g * parts.mass.sum() / 3
+        ground = PointGround(body, points, force=force, depth=0.1 * h, height=low)
+        pull = np.zeros_like(body.nodes)
+        pull[:, 2] = -structure.g * (_points(body, *_of_masses(parts)).T @ parts.mass)
+        terms += [PointLoad(body, np.arange(len(pull)), pull, name="gravity"), ground]
+    corners, owners, faces = _corners(body, parts)
     if "contact" in effects:
-        contact = Touch(
-            body, middle, owners, faces, gap=_gap(structure), energy=float(stiffness.max())
-        )
+        energy = float(stiffness.max())
+        contact = Touch(body, corners, owners, faces, gap=_gap(structure), energy=energy)
         terms.append(contact)
     if deadline is not None:
         terms.append(Deadline(deadline))
     extent = pattern.extent
     scales = Scales(extent, float(stiffness.sum()) / extent, float(stiffness.sum()))
-    empty = Model(structure, effects, body, None, hinges, ground, contact, middle, owners)
+    empty = Model(
+        structure, effects, upright, parts, body, None, hinges, ground, contact, corners, owners
+    )
     scene = _scene(empty, terms, np.zeros_like(body.nodes), scales=scales, sections=linked)
     return replace(empty, scene=scene)
 
 
-def _body(structure: Structure) -> Body:
-    """A tetrahedron per panel at its centroid, of the panel's size."""
+def _linked(structure: Structure, parts: Parts, body: Body) -> Linked:
+    """How steps turn the parts; raises ValueError for panels that hang together with nothing."""
+    pairs = np.array([h.faces for h in parts.hinges], int).reshape(-1, 2)
+    sides = [
+        [point_weights(body, k, np.array([*at, 0.0])) for k, at in zip(*ends, strict=True)]
+        for ends in ((h.faces, h.sides) for h in parts.hinges)
+    ]
+    mass = np.bincount(parts.where[:, 0].astype(int), parts.mass)[: len(parts.outlines)]
+    sides = np.array(sides).reshape(-1, 2, 4)
+    linked = Linked.of_hinges(parts.count, pairs, sides, int(np.argmax(mass)))
+    if len(linked.order) < parts.count:
+        seen = set(linked.order[linked.order < len(parts.outlines)].tolist())
+        others = set(range(len(structure.pattern.panels))) - seen
+        loose = sorted(min(seen, others, key=len))
+        raise ValueError(f"the faces {loose} hang together with the others by no crease")
+    return linked
+
+
+def _body(parts: Parts) -> Body:
+    """A tetrahedron per part, of its size: at an outline's centroid, on the middle of a line."""
     nodes = []
-    for outline in structure.pattern.panels:
-        parts = triangles(outline)
-        areas = np.array([area_of(outline[t]) for t in parts])
-        centre = areas @ outline[parts].mean(axis=1) / areas.sum()
-        size = np.sqrt(areas.sum()) / 4
+
+    def add(centre: np.ndarray, size: float) -> None:
         corner = np.array([*centre, 0.0])
-        nodes += [corner, *(corner + size * np.eye(3))]
+        nodes.extend([corner, *(corner + size * np.eye(3))])
+
+    for outline in parts.outlines:
+        pieces = triangles(outline)
+        areas = np.array([area_of(outline[t]) for t in pieces])
+        add(areas @ outline[pieces].mean(axis=1) / areas.sum(), np.sqrt(areas.sum()) / 4)
+    for hinge, (low, high) in zip(parts.hinges[::2], parts.lines, strict=False):
+        size = np.sqrt(hinge.crease.length * np.linalg.norm(high - low)) / 4
+        add((low + high) / 2, size)
     cells = np.arange(len(nodes)).reshape(-1, 4)
     return Body.build(skfem.MeshTet1(np.array(nodes).T, cells.T), "tet4", parts=True)
 
 
-def _corners(body: Body, pattern: Pattern, z: float):
-    """Weights (v, n) of the nodes at the panels' corners at height z, whose they are (v,), and
-    triangles (t, 3) of them."""
-    rows, columns, values, owners, faces, count = [], [], [], [], [], 0
-    for k, outline in enumerate(pattern.panels):
-        for X in outline:
-            rows += [len(owners)] * 4
-            columns += range(4 * k, 4 * k + 4)
-            values += point_weights(body, k, np.array([*X, z])).tolist()
-            owners.append(k)
-        faces.append(triangles(outline) + count)
-        count += len(outline)
-    shape = (count, len(body.nodes))
-    weights = sp.csr_array(sp.coo_array((values, (rows, columns)), shape=shape))
-    return weights, np.array(owners), np.concatenate(faces)
+def _points(body: Body, owners: Sequence[int], places: Sequence[np.ndarray]) -> sp.csr_array:
+    """Weights (p, n) of the nodes at points (3,) of the parts that own them."""
+    columns = [range(4 * k, 4 * k + 4) for k in owners]
+    values = [point_weights(body, k, place) for k, place in zip(owners, places, strict=True)]
+    rows = np.repeat(np.arange(len(owners)), 4)
+    entries = (np.concatenate(values), (rows, np.concatenate(columns)))
+    return sp.csr_array(sp.coo_array(entries, shape=(len(owners), len(body.nodes))))
 
 
-def _weight(structure: Structure, body: Body, mass, where) -> tuple[np.ndarray, np.ndarray]:
-    """All nodes, and the weight (n, 3) on each."""
-    force = np.zeros_like(body.nodes)
-    for m, (panel, *place) in zip(mass, where, strict=True):
-        k = int(panel)
-        weights = point_weights(body, k, np.array([*place, 0.0]))
-        force[4 * k : 4 * k + 4, 2] -= m * structure.g * weights
-    return np.arange(len(force)), force
+def _of_masses(parts: Parts) -> tuple[list[int], list[np.ndarray]]:
+    """Whose each mass is, and its place (3,)."""
+    owners = parts.where[:, 0].astype(int).tolist()
+    return owners, [np.array([x, y, 0.0]) for x, y in parts.where[:, 1:]]
+
+
+def _corners(body: Body, parts: Parts) -> tuple[sp.csr_array, np.ndarray, np.ndarray]:
+    """Weights (v, n) of the nodes at corners on the middle surface, of which part they are (v,),
+    and triangles (t, 3) of them."""
+    owners, places, faces = [], [], []
+    for k, outline in enumerate(parts.outlines):
+        faces.append(triangles(outline) + len(owners))
+        owners += [k] * len(outline)
+        places += [np.array([*X, 0.0]) for X in outline]
+    return _points(body, owners, places), np.array(owners), np.concatenate(faces)
 
 
 def _gap(structure: Structure) -> float:
@@ -257,8 +219,7 @@ def _gap(structure: Structure) -> float:
 
 def _scene(model: Model, terms: Sequence[Term], u: np.ndarray, **options) -> Scene:
     """Its terms, held against the rigid motions that nothing else holds, about u (n, 3)."""
-    body, heavy = model.body, "gravity" in model.effects
-    old = model.scene
+    body, old, heavy = model.body, model.scene, model.ground is not None
     if old is not None:
         options = {"scales": old.scales, "sections": old.sections}
         turning = [row for row in old.rows if row.name.startswith("rotation")]
@@ -267,5 +228,6 @@ def _scene(model: Model, terms: Sequence[Term], u: np.ndarray, **options) -> Sce
         if same and min(_sight(row, body.nodes + u) for row in turning) > 0.7:
             return old.with_terms(terms)
     rows = [translation_row(body, axis) for axis in ((0, 1) if heavy else (0, 1, 2))]
-    rows += [rotation_row(body, axis, u) for axis in ((2,) if heavy else (0, 1, 2))]
+    turns = (2,) if heavy and not model.upright else (0, 1, 2)
+    rows += [rotation_row(body, axis, u) for axis in turns]
     return Scene(body, terms, rows=rows, **options)

@@ -4,37 +4,19 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
-from dataclasses import dataclass, field
-from enum import Enum
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from solver.cases.structure.model import Model
+from solver.cases.unit.path import Ending, Folding, Happening
 from solver.equilibrium.clock import OutOfTime
-from solver.paths.point import Ended
+from solver.paths.point import Ended, Point
+from solver.paths.stability import Event
 from solver.paths.stable import StableSteps
 from solver.paths.steppers import LoadSteps
 
-
-class Ending(Enum):
-    """Why a path ended where it did."""
-
-    REACHED = "the full contraction was reached on a stable path"
-    STOPPED = "the path was stopped at a state that was asked for"
-    TIMEOUT = "the time allowed was used up"
-    TOO_LONG = "the steps allowed were used up"
-    LOST = "no stable equilibrium was found beyond the last point"
-    NO_REST = "the flat sheet came to no rest on the ground"
-
-
-@dataclass(frozen=True)
-class Happening:
-    """A fall to another state: ``kind`` snap or bifurcation, ``e`` of the state after it, ``size``
-    of the jump, max|Δu| over the sheet's extent."""
-
-    kind: str
-    e: float
-    size: float
+SLIDE = 3000  # iterations of a fall in which panels slide on each other
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,30 +39,6 @@ class State:
     unstable: int | None
     energy: float | None
     iterations: int
-
-
-@dataclass(frozen=True, eq=False)
-class Folding:
-    """States, what happened, and why the path ended; the model and unknowns it ended in.
-
-    ``detail``: the solver's own sentence where it failed; ``iterations``: factorisations.
-    """
-
-    states: tuple[State, ...]
-    happenings: tuple[Happening, ...]
-    ending: Ending
-    detail: str
-    model: Model
-    x: np.ndarray | None
-    iterations: int
-    seconds: float
-
-    @property
-    def last(self) -> State:
-        """The last accepted state; raises ValueError where there is none."""
-        if not self.states:
-            raise ValueError(f"the path has no states: {self.detail}")
-        return self.states[-1]
 
 
 def fold(
@@ -143,38 +101,45 @@ def fold(
                 return ended(Ending.TOO_LONG)
             model = model.anchored(point.x, point.e)
             target = next(t for t in marks if t > point.e)
-            point = stepper.advance(model.scene, point, target)
-            if isinstance(point, Ended):
-                return ended(Ending.LOST, point.reason)
+            after = stepper.advance(model.scene, point, target)
+            if isinstance(after, Ended):
+                after, reason = _slowly(stepper, model, point, target), after.reason
+            if isinstance(after, Ended):
+                return ended(Ending.LOST, reason)
+            point = after
     except OutOfTime:
         return ended(Ending.TIMEOUT)
+
+
+def _slowly(stepper: StableSteps, model: Model, point: Point, target: float) -> Point | Ended:
+    """Down the energy from half a step and a step ahead, however long it takes.
+
+    Edges that meet may slide along each other by far before one finds its way past the other.
+    """
+    for ahead in (0.5, 1.0):
+        e = min(point.e + ahead * stepper.steps.step, target)
+        fallen = replace(stepper, most=SLIDE).begin(model.scene, point.x, e, 1.0)
+        if not isinstance(fallen, Ended):
+            size = np.abs((fallen.x - point.x)[: model.scene.n_free]).max()
+            length = model.scene.scales.length
+            event = Event("snap", e, fallen.x, fallen.x - point.x, size=float(size / length))
+            return replace(fallen, index=point.index + 1, events=(event,))
+    return fallen
 
 
 def _state(model: Model, point) -> State:
     x, e = point.x, point.e
     u = model.scene.displacement(x, e)
-    mass, where = model.structure.masses
     panels = model.panels(x, e)
     return State(
         e,
         model.angles(x, e),
         tuple(panels),
         model.strips(x, e),
-        centre_of_mass(model, u, mass, where),
+        model.centre_of_mass(u),
         None if model.ground is None else float(model.ground.heights(u).min()),
         None if model.contact is None else model.contact.distance(u),
         point.unstable,
         point.energy,
         point.iterations,
     )
-
-
-def centre_of_mass(model: Model, u: np.ndarray, mass: np.ndarray, where: np.ndarray) -> np.ndarray:
-    """Of the structure displaced by u (n, 3), (3,)."""
-    Y = (model.body.nodes + u).reshape(-1, 4, 3)
-    X = model.body.nodes.reshape(-1, 4, 3)
-    k = where[:, 0].astype(int)
-    # Nodes stand off along x and y from the first.
-    off = (where[:, 1:] - X[k, 0, :2]) / (X[k, 1, 0] - X[k, 0, 0])[:, None]
-    places = Y[k, 0] + np.einsum("ka,kai->ki", off, Y[k, 1:3] - Y[k, :1])
-    return mass @ places / mass.sum()

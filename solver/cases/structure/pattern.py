@@ -54,9 +54,9 @@ class Crease:
 
 @dataclass(frozen=True, eq=False)
 class Hinge:
-    """Where a crease's strip is. ``faces``: a and b; ``sides`` (2, 2): middle of the strip's edge
-    on a and on b; ``axis`` (2,): unit vector along the fold, with a on its right hand, so that
-    axis × (from a to b) points up; ``width``: along the axis."""
+    """Where a crease's strip is. ``faces``: a and b; ``sides``
+    (2, 2): middle of the strip's edge on a and on b; ``axis`` (2,): unit vector along the fold,
+    with a on its right hand, so that axis × (from a to b) points up; ``width``: along the axis."""
 
     crease: Crease
     faces: tuple[int, int]

@@ -49,6 +49,7 @@ def test_words_name_what_holds_a_hinge(net, tmp_path):
     assert status == 0
     assert "too heavy" in out and "hinges don't fold" in out
     assert "panels would sag by" in out and "mass: " in out
+    assert "stands: yes" in out
     assert "hinges by the solver" not in err
     assert not (tmp_path / "out" / "states.png").exists()
 

@@ -125,7 +125,7 @@ def test_creases_contract_between_their_loads_and_to_their_side():
             flat = term.evaluate(np.zeros((8, 3)), e, 0).energy
             stretch = LENGTH * (1 - law.at(on if fold else 0)[2])
             stiff = law.at(on if fold else 0)[1]
-            membrane = law.others[3] * stretch**2 / 2
+            membrane = law.stretching / LENGTH * stretch**2 / 2
             assert flat == approx(stiff * expected**2 / 2 + membrane, rel=1e-9, abs=1e-15)
 
 

@@ -2,11 +2,21 @@
 
 import numpy as np
 import pytest
-from crease_patterns import MODULUS, THICKNESS, folded, miura_vertex, squares, structure, two_panels
+from crease_patterns import (
+    MODULUS,
+    THICKNESS,
+    folded,
+    for_angle,
+    miura_vertex,
+    squares,
+    structure,
+    two_panels,
+)
 from pytest import approx
 
 from solver.cases.structure.hinges import Layer
-from solver.cases.structure.model import Structure, build
+from solver.cases.structure.model import build
+from solver.cases.structure.parts import Structure
 from solver.cases.structure.path import Ending, fold
 from solver.cases.structure.pattern import Crease, Pattern
 from solver.equilibrium.clock import core_seconds
@@ -29,7 +39,8 @@ def test_two_panels_without_weight_fold_as_their_law_says():
 @pytest.mark.parametrize("effects", [(), ("gravity", "ground", "contact")])
 def test_a_miura_vertex_moves_as_rigid_panels_must(alpha, effects):
     # Opposite folds are equal, and tan(ρ/2) of one pair is cos α times that of the other.
-    length = 0.05
+    # That is the limit of short hinges.
+    length = 0.03
     folding = folded(miura_vertex(np.radians(alpha), length), 1.2, length=length, effects=effects)
     assert folding.ending is Ending.REACHED
     for state in folding.states[1:]:
@@ -79,13 +90,26 @@ def test_weight_and_centre_of_mass_are_those_of_the_sheet_and_its_layers():
     pattern = two_panels(length=0.2)
     h, g = 2e-3, 9.81
     made = Structure.of(pattern, Layer(1e9, 1000, h), Layer(1e8, 2000, 3 * h, 0.1), g=g)
-    mass = made.masses[0].sum()
-    assert mass == approx(1000 * h * 1.0 * 0.2 + 2000 * 3 * h * 0.2 * 0.2)
-    model = build(made)
+    model, mass = build(made), 1000 * h * 1.0 * 0.2 + 2000 * 3 * h * 0.2 * 0.2
+    assert model.parts.mass.sum() == approx(mass)
+    assert build(made, ()).parts.mass.sum() == approx(mass)
     pull = next(t for t in model.scene.terms if t.name == "gravity").loads(0.0)
     assert pull.sum(axis=0) == approx([0, 0, -g * mass])
     flat = fold(build(structure(two_panels(), contraction=0.001))).states[0]
     assert flat.centre == approx([0, 0, 0], abs=0.1 * THICKNESS)
+
+
+def test_a_strip_that_stands_on_its_fold_alone_stays_up_where_it_is_held():
+    made = structure(two_panels(), contraction=for_angle(2.0, 0.2), gamma=100)
+    held = fold(build(made, upright=True))
+    assert held.ending is Ending.REACHED and held.happenings == ()
+    assert held.last.angles == approx(2.0, abs=0.05)
+    heights = [panel[:, 2].max() for panel in held.last.panels]
+    assert heights[0] == approx(heights[1], abs=0.06)
+    # Let go it leans over onto one of its panels.
+    free = fold(build(made))
+    heights = [panel[:, 2].max() for panel in free.last.panels]
+    assert abs(heights[0] - heights[1]) > 0.1
 
 
 def test_the_answer_does_not_hang_on_how_rigid_rigid_is():
