@@ -111,6 +111,21 @@ def test_a_law_is_timoshenkos_for_small_contractions():
     assert plain.angle[-1] == 0
 
 
+def test_two_halves_in_a_row_give_way_as_the_whole_does():
+    whole = Law.of_section(SHEET, LAYER, LENGTH, WIDTH)
+    half = whole.half
+    np.testing.assert_allclose(2 * half.angle, whole.angle)
+    np.testing.assert_allclose(half.stretch * half.length * 2, whole.stretch * whole.length)
+    bend, in_plane, twist, _, pull, _ = range(6)
+    each, all_ = (np.array(law.stiffnesses(law.stiffness[0])) for law in (half, whole))
+    for k in (bend, in_plane, twist, pull):
+        assert each[k] == approx(2 * all_[k])
+    # Sheared across, the line between is free to turn: half of the way each, and the moment's turn.
+    F, l_half = 1.0, LENGTH / 2
+    shift = 2 * F / each[5] + 2 * (F * l_half / 2) / each[bend] * l_half / 2
+    assert shift == approx(F / all_[5])
+
+
 def test_creases_contract_between_their_loads_and_to_their_side():
     for fold, start, end in ((1, 0.0, 1.0), (-1, 0.25, 0.75), (0, 0.0, 1.0)):
         pattern = two_panels(LENGTH, width=WIDTH, fold=fold, start=start, end=end)

@@ -14,12 +14,16 @@ from crease_patterns import (
 )
 from pytest import approx
 
+from solver.cases.structure import path
 from solver.cases.structure.hinges import Layer
 from solver.cases.structure.model import build
 from solver.cases.structure.parts import Structure
 from solver.cases.structure.path import Ending, fold
 from solver.cases.structure.pattern import Crease, Pattern
 from solver.equilibrium.clock import core_seconds
+from solver.equilibrium.outcome import Outcome
+from solver.paths.point import Ended
+from solver.paths.stable import StableSteps
 
 CROSS = [(0, 0), (1, 0), (2, 0), (1, 1), (1, -1), (1, 2)]
 
@@ -142,6 +146,27 @@ def test_a_deadline_and_a_stop_end_a_path_with_their_reasons():
     assert stopped.ending is Ending.STOPPED and 0.3 < stopped.last.e < 1
     short = fold(build(made), max_states=3)
     assert short.ending is Ending.TOO_LONG and len(short.states) == 3
+
+
+def test_a_step_that_finds_no_state_is_tried_as_a_long_fall(monkeypatch):
+    advance, failed = StableSteps.advance, []
+
+    def once(self, scene, point, target):
+        if point.e > 0.3 and not failed:
+            failed.append(point.e)
+            return Ended(Outcome.NO_STABLE_STATE)
+        return advance(self, scene, point, target)
+
+    monkeypatch.setattr(StableSteps, "advance", once)
+    folding = folded(squares([(0, 0), (1, 0)]), 1.0, effects=())
+    assert failed and folding.ending is Ending.REACHED
+    assert folding.last.angles == approx(1.0, abs=1e-5)
+    (happening,) = folding.happenings
+    assert happening.kind == "snap" and happening.e > failed[0] and 0 < happening.size < 1
+    monkeypatch.setattr(StableSteps, "advance", lambda *_: Ended(Outcome.NO_STABLE_STATE))
+    monkeypatch.setattr(path, "_slowly", lambda *_: Ended(Outcome.NO_STABLE_STATE))
+    lost = folded(squares([(0, 0), (1, 0)]), 1.0, effects=())
+    assert lost.ending is Ending.LOST and len(lost.states) == 1
 
 
 def test_absent_effects_are_absent():
