@@ -207,7 +207,10 @@ def _svg(path: Path) -> Drawn:
     import shapely
 
     segments, kinds = [], []
-    for shape in svg.SVG.parse(str(path), ppi=96).elements():
+    drawing = svg.SVG.parse(str(path), ppi=96)
+    if not isinstance(drawing, svg.SVG):
+        raise InputError("it is XML, but its root is no <svg>")
+    for shape in drawing.elements():
         if not isinstance(shape, svg.Shape) or (kind := _colour(shape)) is None:
             continue
         for part in svg.Path(shape).segments():

@@ -114,6 +114,7 @@ def test_files_that_are_none(tmp_path):
         ("{}", "a.fold", "no vertices_coords"),
         ("", "a.dxf", "ending '.dxf'; expected .fold, .json or .svg"),
         ("<svg/>", "a.svg", "no lines with a stroke"),
+        (CROSS.replace("svg", "svh"), "a.svg", "root is no <svg>"),
         ("not xml", "a.svg", "no crease pattern|no lines"),
         (CROSS.replace("#f00", "magenta"), "a.svg", "the colour #ff00ff; expected red"),
         (CROSS.replace("M30 90H60", "M30 90C40 90 50 95 60 90"), "a.svg", "curved"),
