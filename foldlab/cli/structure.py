@@ -213,6 +213,7 @@ def readable(told: Mapping[str, Any]) -> dict[str, Any]:
         if told["clearance"] is not None and np.isfinite(told["clearance"]):
             out["panels"] = "touch"
     out["mass"] = f"{1e3 * told['mass']:.3g} g"
-    out["took"] = f"{told['core_seconds']:.2g} core-seconds"
+    labels = sum(law["core_seconds"] for law in told["laws"])
+    out["took"] = f"{told['core_seconds'] + labels:.2g} core-seconds, {labels:.2g} for the hinges"
     out["files"] = ", ".join(told["files"])
     return out

@@ -54,6 +54,15 @@ def test_words_name_what_holds_a_hinge(net, tmp_path):
     assert not (tmp_path / "out" / "states.png").exists()
 
 
+def test_the_time_told_has_the_labels_of_the_hinges_in_it():
+    from foldlab.cli.structure import readable
+
+    told = {"reason": "", "mass": 0.0, "core_seconds": 1.5, "files": []}
+    words = readable(told | {"laws": [{"core_seconds": 0.25}, {"core_seconds": 0.5}]})
+    assert words["took"] == "2.2 core-seconds, 0.75 for the hinges"
+    assert readable(told | {"laws": []})["took"] == "1.5 core-seconds, 0 for the hinges"
+
+
 def test_a_path_that_does_not_end_keeps_what_there_is(net, tmp_path):
     status, out, err = net(f"{MADE} --quick --timeout 0 --no-pictures --json")
     assert status == 3
