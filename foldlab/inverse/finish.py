@@ -19,7 +19,7 @@ import pandas as pd
 
 from foldlab.inverse.answer import Proposal
 from foldlab.inverse.box import Box
-from foldlab.inverse.draft import Draft, Work, bearable
+from foldlab.inverse.draft import FREE, Draft, Work, bearable, steered
 from foldlab.inverse.points import MASS_COLUMNS, groups_of
 from foldlab.inverse.rungs import Rungs
 from foldlab.inverse.wish import Angle, mass_of
@@ -135,11 +135,14 @@ def _corrected(work: Work, draft: Draft, rungs: Rungs) -> tuple[Draft, Label, li
         tried.append((t, off))
         if abs(off) <= CLOSE * want.tolerance or len(tried) == LABELS:
             return best[1], best[2], spent
+        if len(tried) == 1:
+            draft = steered(draft, rungs, -off)
+            line = draft.region.line(draft.x, draft.driver)
         slope = _slope(tried, draft, line, rungs)
         step = -off / slope if slope and np.isfinite(slope) else np.nan
         if not np.isfinite(step):
             return best[1], best[2], spent
-        t = float(np.clip(t + np.clip(step, -0.2, 0.2), line[1], line[2]))
+        t = float(np.clip(t + np.clip(step, -FREE, FREE), line[1], line[2]))
         if any(abs(t - u) < 1e-9 for u, _ in tried):
             return best[1], best[2], spent
 

@@ -59,6 +59,12 @@ class Region:
         self._b = np.concatenate([high[above], -low[below]])
         self.start = self._start()
 
+    @property
+    def free(self) -> tuple[np.ndarray, tuple[np.ndarray, np.ndarray]]:
+        """Orthonormal directions (names, k) that the equalities leave, and the inequalities as
+        (A, b): A x ≤ b of every allowed x."""
+        return self._basis, (self._A, self._b)
+
     # ---- emptiness ------------------------------------------------------------------------
 
     def _programme(self, cost, extra=None, skip=None):

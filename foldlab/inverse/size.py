@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 from typing import Any
 
@@ -10,19 +10,18 @@ import numpy as np
 import pandas as pd
 
 from foldlab.errors import InputError
-from foldlab.inverse.draft import Draft, Work
+from foldlab.inverse.draft import Draft, Work, driven
+from foldlab.inverse.extreme import least
 from foldlab.inverse.finish import finish
-from foldlab.inverse.points import groups_of
-from foldlab.inverse.propose import climb
-from foldlab.inverse.rungs import LOST, NEAR, Rungs, turned
+from foldlab.inverse.rungs import Rungs, turned
 from foldlab.inverse.wish import Angle, Wish
 
 SMALLEST = 1e-3  # m: below, nobody cuts a sheet
 WALKERS = 1024
-# Of the climb to larger sizes by the rod.
-CLIMBERS, ROUNDS = 32, 20
+STARTS = 6  # designs that are made larger
 CLOSE = 1.1  # factor by which the least size that other limits allow is known
-ATTEMPTS = 8  # designs that the solver may reject before smaller ones are no use
+# Of the largest designs by the rod those that the solver is asked of, and parts of the way back.
+TOPS, BACK = 2, (0.0, 0.05, 0.1, 0.2, 0.4)
 
 
 def largest(
@@ -30,9 +29,11 @@ def largest(
 ) -> tuple[dict[str, Any] | None, str]:
     """The largest unit that does as wished, all other limits the same, and a sentence.
 
-    Searched by the rod, for the first pair of materials that has one; confirmed by ``source`` where
-    one is given. Other lengths that the wish fixes stay. None where l_s is not limited from below,
-    or where no smaller unit does either.
+    Sizes are halved until the rod has designs, each of which is made larger as far as the rod
+    allows (:func:`foldlab.inverse.extreme.least`): local optima, the same for the same seed. The
+    largest is confirmed by ``source`` where one is given, or else the first on the way back from
+    it. Other lengths that the wish fixes stay. None where l_s is not limited from below, or where
+    no smaller unit does either.
     """
     from foldlab.inverse.weighted import drafts, regions_of
 
@@ -41,54 +42,55 @@ def largest(
     if size is None or wish.want == "flat":
         return None, f"no design within the limits {what}"
 
-    least = size  # so far, of those that other limits allow
+    below = size  # so far, the least of those that other limits allow
 
     def at(length: float) -> list[Draft] | None:
         try:
             some = regions_of(_between(wish, length, length))
         except InputError:
             return None
-        return drafts(some[0][1].wish, some, 4, seed=seed, walkers=WALKERS).drafts
+        return drafts(some[0][1].wish, some, STARTS, seed=seed, walkers=WALKERS).drafts
 
     tell(f"nothing {what} at l_s = {1e3 * size:.4g} mm by the rod; smaller units are tried …")
     good, first = size / 2, []
     while good >= SMALLEST and not first:
         first = at(good)
         if first is None:  # other limits end above
-            if least / good < CLOSE:
+            if below / good < CLOSE:
                 break
-            good = (good * least) ** 0.5
+            good = (good * below) ** 0.5
         elif not first:
-            least, good = good, good / 2
+            below, good = good, good / 2
     if not first:
         return None, (
             f"no design within the limits {what} at l_s = {1e3 * size:.4g} mm, nor at smaller "
-            f"sizes as far as other limits allow them ({1e3 * least:.3g} mm); relax another limit"
+            f"sizes as far as other limits allow them ({1e3 * below:.3g} mm); relax another limit"
         )
-    best = _raised(wish, first, good, size, np.random.default_rng(seed))
-    proposal, by, draft = None, "the rod", best[0]
-    for draft in best[:ATTEMPTS] if source is not None else ():
-        by = f"the {source.name}"
+    tops = _raised(wish, first, good, size)
+    proposal, by, draft = None, "the rod", tops[0][1]
+    for there in _lower(tops) if source is not None else ():
+        by, draft = f"the {source.name}", there
         proposal = finish(Work(draft.region.wish, draft, source, box=False))
         if proposal.confirmed:
             break
     if proposal is not None and not proposal.confirmed:
         return None, (
             f"no design within the limits {what}, and what does by the rod at "
-            f"l_s = {1e3 * length_of(best[0]):.3g} mm {by} did not confirm"
+            f"l_s = {1e3 * length_of(tops[0][1]):.3g} mm {by} did not confirm"
         )
-    good = length_of(draft)
+    physical = dict(proposal.physical if proposal else draft.physical)
     told = {
-        "l_s": good,
-        "physical": dict(proposal.physical if proposal else draft.physical),
+        "l_s": physical["l_s"],
+        "physical": physical,
         "groups": dict(proposal.groups if proposal else draft.groups),
         "fold_angle": proposal.angle if proposal else turned(draft.groups)[0],
         "materials": list(draft.pair),
         "confirmed": bool(proposal),
     }
     return told, (
-        f"not at this size: at most l_s = {1e3 * good:.3g} mm, the largest found that {what}, by "
-        f"{by}, with all other limits as they are"
+        f"not at this size: at most l_s = {1e3 * physical['l_s']:.3g} mm, the largest found that "
+        f"{what}, by {by}, with all other limits as they are; it is a local optimum, and a "
+        "larger unit may exist"
     )
 
 
@@ -120,35 +122,33 @@ def _between(wish: Wish, low: float, high: float) -> Wish:
     return replace(wish, fixed=fixed, ranges={**ranges, "l_s": (low, high)})
 
 
-def _raised(wish: Wish, first: list[Draft], good: float, size: float, rng) -> list[Draft]:
-    """Drafts at sizes as large as the rod still does as wished, the largest first."""
-    from foldlab.inverse.weighted import driven, regions_of
+def _raised(wish: Wish, first: list[Draft], good: float, size: float) -> list[tuple[Draft, Draft]]:
+    """Drafts and what each becomes at the size up to which the rod still does as wished, the
+    largest first."""
+    from foldlab.inverse.weighted import regions_of
 
     wide = _between(wish, good / 2, size)
     meet = Rungs(wide).second(pd.DataFrame([draft.groups for draft in first])).max() < 0
     rungs = Rungs(wide, meet=meet, rocking=True)
-    regions = {pair: region for pair, region in regions_of(wide)}
-    pair = first[0].pair
-    region = regions[pair]
-    at = region.names.index("l_s")
-
-    def worth(x):
-        groups = groups_of(region, x)
-        room = rungs.second(groups, NEAR if isinstance(wish.want, Angle) else 0.0)
-        return np.where(room >= 0, x[:, at] - np.log10(size) - 1e-9, LOST + np.minimum(room, 0))
-
-    start = np.array([draft.x for draft in first if draft.pair == pair])
-    x, value = climb(
-        worth, region, start[rng.integers(len(start), size=CLIMBERS)], rng, need=1,
-        rounds=ROUNDS, steps=2,
-    )  # fmt: skip
+    regions = dict(regions_of(wide))
     out = []
-    for k in [*np.argsort(-value)]:
-        if len(out) == ATTEMPTS:
-            break
-        draft: Draft | None = Draft(pair, region, x[k])
-        if isinstance(wish.want, Angle):
-            draft = driven(draft, rungs)
-        if draft is not None:
-            out.append(draft)
-    return out or first
+    for draft in first:
+        region = regions[draft.pair]
+        at = region.names.index("l_s")
+        start = Draft(draft.pair, region, draft.x, draft.driver)
+        out.append((start, least(start, rungs, lambda x, at=at: -x[:, at])))
+    return sorted(out, key=lambda pair: -length_of(pair[1]))
+
+
+def _lower(tops: list[tuple[Draft, Draft]]) -> Iterator[Draft]:
+    """The largest designs and, where the source does not confirm them, ones on the way back: the
+    largest by the rod lie where weight is about to win, which a solid may feel a little earlier.
+    """
+    for start, top in tops[:TOPS]:
+        rungs = Rungs(top.region.wish, meet=True, rocking=True)
+        for back in BACK:
+            there: Draft | None = replace(top, x=top.x + back * (start.x - top.x))
+            if isinstance(top.region.wish.want, Angle):
+                there = there if back == 0 else driven(there, rungs)
+            if there is not None:
+                yield there

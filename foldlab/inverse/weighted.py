@@ -17,18 +17,17 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
-from scipy.optimize import brentq
 
 from foldlab.design import FULL, PATTERNED
 from foldlab.errors import InputError
 from foldlab.inverse.answer import Answer, Proposal
 from foldlab.inverse.box import Box
-from foldlab.inverse.draft import Draft, Work, bearable
+from foldlab.inverse.draft import Draft, Work, bearable, driven
 from foldlab.inverse.finish import ANSWERS, by_rod, finish
-from foldlab.inverse.points import columns_of, groups_of, named, spread
+from foldlab.inverse.points import groups_of, named, spread
 from foldlab.inverse.propose import climb
 from foldlab.inverse.region import Region
-from foldlab.inverse.rungs import CUT_SPACE, NEAR, SPACE, Rungs, answered, turned
+from foldlab.inverse.rungs import CUT_SPACE, NEAR, SPACE, Rungs, turned
 from foldlab.inverse.wish import Angle, Wish, limits_of, scales_of
 from foldlab.materials import read_materials
 
@@ -39,8 +38,6 @@ CLIMBERS, ROUNDS = 64, 8
 PROBE = 0.05  # times the margin: a small box that tells sensitive designs from others
 TRIES = 3  # designs that the solver is asked of at most, for each that is wished for
 TRIED = 60  # designs whose margin is found
-# What is changed to reach an angle, in this order: the first that the wish leaves free.
-DRIVERS = ("contraction", "hinge_length", "h_ratio", "slenderness", "E_ratio", "l_s")
 HANDY = (5e-3, 0.5)  # m, l_s where a wish leaves it open
 OF_MATERIAL = {
     "E_s": ("passive", "E", {"E_s", "stiffness_to_weight"}),
@@ -184,48 +181,6 @@ def _worst(draft: Draft, rungs: Rungs, room: float) -> float:
     """The least room in the box of the wished margin, rad; ``room`` itself without a margin."""
     box = Box(draft, rungs)
     return float(box.rooms(box.designs(1.0)).min()) if rungs.wish.margin > 0 else room
-
-
-def driven(draft: Draft, rungs: Rungs) -> Draft | None:
-    """The design nearest to a draft, along the first free driver, whose rod has the wished angle;
-    None where there is none."""
-    wanted = rungs.wish.want.value
-    for name in DRIVERS:
-        line = draft.region.line(draft.x, name)
-        if line is None:
-            continue
-        direction, low, high = line
-        low, high = max(low, -1.0), min(high, 1.0)
-        if high - low < 1e-6:
-            continue
-
-        def off(t, direction=direction):
-            design = columns_of(draft.region, (draft.x + t * direction)[None])
-            return turned({name: float(value[0]) for name, value in design.items()})[0] - wanted
-
-        grid = np.unique(np.r_[np.linspace(low, high, 9), 0.0])
-        values = np.array([off(t) for t in grid])
-        change = np.flatnonzero(np.sign(values[1:]) * np.sign(values[:-1]) <= 0)
-        ends = sorted(change, key=lambda k: min(abs(grid[k]), abs(grid[k + 1])))
-        for k in ends:
-            if not np.isfinite(values[k : k + 2]).all():
-                continue
-            t = _root(off, grid[k], grid[k + 1])
-            if t is None:
-                continue
-            there = replace(draft, x=draft.x + t * direction, driver=name)
-            if not (rungs.wish.stands and not rungs.rocking and answered(there.groups)[2]):
-                return there
-    return None
-
-
-def _root(off: Callable[[float], float], low: float, high: float) -> float | None:
-    """Where a function is 0; None at a jump or where it is nowhere known."""
-    try:
-        t = brentq(off, low, high, xtol=1e-5, maxiter=30)
-    except (ValueError, RuntimeError):
-        return None
-    return t if abs(off(t)) < 0.01 else None
 
 
 def weighted(

@@ -23,9 +23,10 @@ SHEET = "design --passive PET --active SMP --set l_s=40mm --set b_s=10mm"
 def quick(monkeypatch):
     """Searches that see fewer designs."""
     monkeypatch.setattr(weighted, "WALKERS", 512)
-    for module, climbers in ((weighted, 16), (size, 12)):
-        monkeypatch.setattr(module, "CLIMBERS", climbers)
-        monkeypatch.setattr(module, "ROUNDS", 3)
+    monkeypatch.setattr(weighted, "CLIMBERS", 16)
+    monkeypatch.setattr(weighted, "ROUNDS", 3)
+    monkeypatch.setattr(size, "WALKERS", 256)
+    monkeypatch.setattr(size, "STARTS", 3)
 
 
 @pytest.fixture

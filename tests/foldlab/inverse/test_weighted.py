@@ -227,7 +227,7 @@ def test_designs_that_the_source_rejects_are_counted_and_replaced():
 
 
 def test_a_size_at_which_nothing_folds_is_answered_by_the_largest_that_does(monkeypatch):
-    for name, less in {"WALKERS": 256, "CLIMBERS": 12, "ROUNDS": 6}.items():
+    for name, less in {"WALKERS": 256, "STARTS": 3}.items():
         monkeypatch.setattr(size, name, less)
     for name, less in {"CLIMBERS": 16, "ROUNDS": 2}.items():
         monkeypatch.setattr(weighted_module, name, less)
