@@ -26,31 +26,31 @@ def made(answers, truth=None, **options):
     return RegimeMap(**(given | options))
 
 
-#        three right (1 yes, 2 no), two false positives, one missed, two unknown
-GUESSED = made([1, 0, 0, 1, 1, 0, 1, 0], [1, 0, 0, 0, 0, 1, -1, -1], source="s", source_seconds=2.0)
+# Three right (two yes, one no), three false positives, one missed, one unknown: no two rates agree.
+GUESSED = made([1, 1, 0, 1, 1, 1, 0, 1], [1, 1, 0, 0, 0, 0, 1, -1], source="s", source_seconds=2.0)
 
 
 def test_rates_are_of_known_points_by_what_they_do():
     assert GUESSED.counts == {
-        "true_positive": 1, "true_negative": 2, "false_positive": 2, "false_negative": 1,
-        "unknown": 2,
+        "true_positive": 2, "true_negative": 1, "false_positive": 3, "false_negative": 1,
+        "unknown": 1,
     }  # fmt: skip
-    assert GUESSED.accuracy == 3 / 6
-    assert GUESSED.false_positive_rate == 2 / 4 and GUESSED.recall == 1 / 2
+    assert GUESSED.accuracy == 3 / 7
+    assert GUESSED.false_positive_rate == 3 / 4 and GUESSED.recall == 2 / 3
     counts = GUESSED.slice_counts
     assert counts.index.name == "slenderness" and counts.index.tolist() == [1e-3, 1e-2]
-    assert counts["true_negative"].tolist() == [2, 0] and counts["unknown"].tolist() == [0, 2]
+    assert counts["true_positive"].tolist() == [2, 0] and counts["unknown"].tolist() == [0, 1]
     assert GUESSED.verdicts[0].ravel().tolist() == [
-        Verdict.TRUE_POSITIVE, Verdict.TRUE_NEGATIVE, Verdict.TRUE_NEGATIVE, Verdict.FALSE_POSITIVE,
+        Verdict.TRUE_POSITIVE, Verdict.TRUE_POSITIVE, Verdict.TRUE_NEGATIVE, Verdict.FALSE_POSITIVE,
     ]  # fmt: skip
 
 
 def test_a_summary_has_rates_only_of_what_was_validated():
     told = GUESSED.summary()
     assert told["axes"] == ["E_ratio", "h_ratio"] and told["slices"] == [1e-3, 1e-2]
-    assert (told["points"], told["predicted_foldable"], told["seconds"]) == (8, 4, 1.5)
-    assert (told["source"], told["source_seconds"], told["recall"]) == ("s", 2.0, 0.5)
-    assert (told["accuracy"], told["false_positive"]) == (0.5, 2)
+    assert (told["points"], told["predicted_foldable"], told["seconds"]) == (8, 6, 1.5)
+    assert (told["source"], told["source_seconds"], told["recall"]) == ("s", 2.0, 2 / 3)
+    assert (told["accuracy"], told["false_positive_rate"]) == (3 / 7, 3 / 4)
     plain = made([1] * 8).summary()
     assert "accuracy" not in plain and "source" not in plain and plain["predicted_foldable"] == 8
 
