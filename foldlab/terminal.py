@@ -81,7 +81,8 @@ def emit(result: dict[str, Any], as_json: bool, rows: list[dict] | None = None) 
     if as_json:
         print(json.dumps(plain(result), allow_nan=False))
         return
-    out = Console(width=None if sys.stdout.isatty() else 160)
+    width = None if sys.stdout.isatty() else 160
+    out = Console(width=width, markup=False, highlight=False)
     if rows:
         table = Table(show_edge=False)
         for name in rows[0]:
@@ -91,7 +92,7 @@ def emit(result: dict[str, Any], as_json: bool, rows: list[dict] | None = None) 
         out.print(table)
     for name, value in result.items():
         if not isinstance(value, dict | list):
-            out.print(f"{name}: {_cell(value)}", markup=False, highlight=False, soft_wrap=True)
+            out.print(f"{name}: {_cell(value)}", soft_wrap=True)
 
 
 def _cell(value: Any) -> str:

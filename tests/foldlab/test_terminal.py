@@ -12,5 +12,14 @@ def test_below_a_table_stand_single_values_only(capsys):
     *table, first, last = capsys.readouterr().out.splitlines()
     assert (first, last) == ("n: 3", "gone: –")
     assert "0.9123" in "".join(table) and "h_ratio" not in "".join(table)
+    assert "axes" not in "".join([*table, first, last])
     emit(result, True, rows)
     assert json.loads(capsys.readouterr().out) == result
+
+
+def test_brackets_are_printed_and_are_no_markup(capsys):
+    words = "b = 5 [mm] of [red]paper[/red], [/]"
+    emit({"told": words}, False, [{"what [SI]": words}, {"what [SI]": "[b]x"}])
+    head, _, first, second, last = capsys.readouterr().out.splitlines()
+    assert head.strip() == "what [SI]" and first.strip() == words and second.strip() == "[b]x"
+    assert last == f"told: {words}"

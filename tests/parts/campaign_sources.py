@@ -53,7 +53,7 @@ class Slow:
         if kind == NONE:
             return None
         if kind == EXITS:
-            os._exit(7)
+            os._exit(int(design.get("code", 7)))
         if kind == KILLED:
             os.kill(os.getpid(), signal.SIGKILL)
         if kind == UNPICKLABLE:

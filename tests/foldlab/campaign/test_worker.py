@@ -10,7 +10,7 @@ from multiprocessing import get_context
 from pathlib import Path
 
 import pytest
-from campaign_sources import FOLDS, NOT, Counted, Hangs, Slow, Threads, designs
+from campaign_sources import EXITS, FOLDS, NOT, Counted, Hangs, Slow, Threads, designs
 
 from foldlab.campaign import campaign, worker
 from foldlab.campaign.campaign import run_campaign
@@ -65,6 +65,15 @@ def test_a_computation_that_hangs_is_ended(busy, outcome, says, tmp_path, monkey
     assert report.complete and report.folds == 3
     assert report.reasons == {outcome: 1}
     assert frame["reason"][1].startswith(says)
+
+
+@pytest.mark.parametrize("code, wall", [(1, 1000.0), (7, 1e-3)])
+def test_a_process_that_ended_by_itself_is_not_said_to_have_waited(code, wall):
+    # The watch ends a process with status 1, once the time on the wall is over.
+    parcel = worker.Parcel(Slow(), wall=wall)
+    label = worker.alone(parcel, {"x": 0.0, "kind": EXITS, "code": code})
+    assert label.foldable is None and label.evidence["outcome"] == "worker_died"
+    assert f"(exit code {code})" in label.reason
 
 
 def test_labels_side_by_side_in_one_process_are_watched_together(monkeypatch):

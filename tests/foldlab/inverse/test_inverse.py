@@ -1,6 +1,7 @@
 """Inverse design: limits kept, margins and boxes true, impossible wishes explained."""
 
 import json
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -319,6 +320,17 @@ def test_where_nothing_folds_the_answer_is_empty_and_says_what_binds():
     assert "slenderness = 0.1 binds" in answer.reason or "h_ratio = 8 binds" in answer.reason
     assert confirm(answer, SOURCE).confirmed_fraction is None
     json.dumps(answer.as_dict())
+
+
+def test_what_is_out_of_reach_says_how_near_the_search_came():
+    fixed, model = {"slenderness": 0.1, "h_ratio": 1.5}, Soft()
+    E = REDUCED["E_ratio"].from_unit(np.linspace(0, 1, 2001))
+    best = model.predict_proba(pd.DataFrame({"E_ratio": E} | fixed))[:, 1].max()
+    assert 0.2 < best < 0.5
+    for least in (0.5, 0.9):
+        answer = propose(Wish(fixed=fixed, min_probability=least), model, 1, seed=0)
+        reached = float(re.search(r"its probability reaches (\S+?)[;,.]? ", answer.reason)[1])
+        assert reached == pytest.approx(best, rel=0.03)
 
 
 def test_an_unreachable_margin_says_which_is_reachable():

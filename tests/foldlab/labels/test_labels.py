@@ -143,6 +143,23 @@ def test_one_writer_and_readers_beside_it(path):
         store.add(a_label(3.0))
 
 
+@pytest.mark.parametrize("mode", ["read", "write"])
+def test_a_store_that_was_closed_answers_nothing_rather_than_that_it_is_empty(filled, mode):
+    with LabelStore(filled, mode=mode) as store:
+        assert len(store.known("test", "1")) == 500
+    asked = (
+        store.frame,
+        store.meta,
+        lambda: store.known("test", "1"),
+        lambda: store.export(filled.with_name("t.csv")),
+    )
+    for ask in asked:
+        with pytest.raises(InputError, match=r"s\.db is closed; open it again"):
+            ask()
+    assert not filled.with_name("t.csv").exists()
+    store.close()  # once more harms nothing
+
+
 def killed(code, *arguments):
     process = subprocess.run(
         [sys.executable, "-c", textwrap.dedent(code), *map(str, arguments)], timeout=60

@@ -1,5 +1,7 @@
 """Answers about structures: hinges that fold, why others don't, and laws from labels."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 from crease_patterns import for_angle, squares, structure, two_panels
@@ -7,8 +9,11 @@ from pytest import approx
 
 from foldlab.labels.asked import Conditions, Effort
 from foldlab.labels.solver import SolverSource
+from foldlab.structure import laws
 from foldlab.structure.answer import answer, strain
 from foldlab.structure.laws import from_labels
+from solver.cases.structure.hinges import Layer
+from solver.cases.structure.parts import Structure
 from solver.cases.structure.pattern import Crease, Pattern
 
 ROW = [(0, 0), (1, 0), (2, 0)]
@@ -136,6 +141,29 @@ def test_laws_are_those_of_labels():
     assert row["length"] == 0.2 and row["width"] == approx(0.2) and row["core_seconds"] > 0
     # Halfway the section's course is kept, corrected as the label says.
     assert 0 < abs(new.laws[0].at(0.5)[0] / body.laws[0].at(0.5)[0] - 1) < 0.1
+
+
+def test_a_label_is_asked_for_with_the_hinges_own_groups(monkeypatch):
+    asked = []
+
+    def follow(design):
+        asked.append(design)
+        return SimpleNamespace(history=[]), SimpleNamespace(evidence={"core_seconds": 2.0})
+
+    monkeypatch.setattr(laws, "SolverSource", lambda *a: SimpleNamespace(follow=follow))
+    sheet, layer = Layer(2e6, 800.0, 4e-3), Layer(6e6, 400.0, 1e-3, 0.08)
+    body = Structure.of(two_panels(length=0.2, width=0.3), sheet, layer)
+    from_labels(body)
+    # Beside a hinge of 0.2 m two panels as long as it is.
+    assert asked == [
+        approx(
+            {
+                "E_ratio": 3.0, "rho_ratio": 0.5, "hinge_length": 1 / 3, "hinge_width": 1.0,
+                "h_ratio": 0.25, "stiffness_to_weight": 1.0, "aspect": 0.3 / 0.6,
+                "slenderness": 4e-3 / 0.6, "contraction": 0.08,
+            }
+        )
+    ]  # fmt: skip
 
 
 def test_hinges_of_one_kind_are_asked_for_once_and_lost_labels_leave_the_section():

@@ -134,6 +134,21 @@ def test_states_that_are_not_admissible():
         assert np.isfinite(P[[0, 3]]).all() and np.isfinite(A[[0, 3]]).all()
 
 
+def test_beside_a_state_that_is_not_admissible_each_cell_keeps_its_own_properties():
+    material = NeoHookean(np.array([1.0, 5.0, 2.0]), np.array([0.3, 0.1, 0.45]))
+    F = np.eye(3) + 0.05 * np.random.default_rng(2).standard_normal((3, 2, 3, 3))
+    whole = material.response(F)
+    bad = F.copy()
+    bad[0, 1] = np.diag([1, 1, -0.1])
+    there = np.ones((3, 2), bool)
+    there[0, 1] = False
+    for order in (1, 2):
+        for given, alone in zip(material.response(bad, order=order), whole, strict=True):
+            if given is not None:
+                np.testing.assert_allclose(given[there], alone[there], rtol=1e-13)
+                assert not np.isfinite(given[0, 1]).any()
+
+
 # -- growth --------------------------------------------------------------------------------------
 
 

@@ -75,6 +75,26 @@ def test_a_box_that_would_close_too_far_is_stopped_by_its_own_panels():
     assert folding.last.unstable == 0
 
 
+@pytest.mark.parametrize("effects", [(), ("gravity", "ground")])
+def test_strips_are_outlines_between_the_edges_of_their_panels(effects):
+    model = build(structure(squares([(0, 0), (1, 0), (2, 0)])), effects)
+    flat = model.strips(np.zeros(model.scene.size), 0.0)
+    for strip, x in zip(flat, (1.0, 2.0), strict=True):
+        assert strip.mean(axis=0)[:2] == approx([x, 0.5])
+        # Corner by corner around: of a strip whose corners cross, the parts cancel.
+        area = np.cross(strip, np.roll(strip, -1, axis=0)).sum(axis=0) / 2
+        assert np.abs(area) == approx([0, 0, 0.1 * 1.0], abs=1e-12)
+    bent = folded(squares([(0, 0), (1, 0), (2, 0)]), 1.0, effects=effects).last
+    corners = np.concatenate(bent.panels)
+    for strip, angle in zip(bent.strips, bent.angles, strict=True):
+        gaps = np.linalg.norm(strip[:, None] - corners, axis=-1).min(axis=1)
+        assert gaps == approx(0, abs=1e-6)
+        # Along the panels' edges as long as they are, across them the chord of an arc, nearly.
+        sides = np.linalg.norm(strip - np.roll(strip, -1, axis=0), axis=1)
+        assert sides[[0, 2]] == approx(1.0)
+        assert sides[[1, 3]] == approx(0.1 * np.sin(angle / 2) / (angle / 2), rel=0.05)
+
+
 def test_hinges_fold_in_the_order_that_they_are_told():
     def pattern(order):
         plain = squares([(0, 0), (1, 0), (2, 0)])
