@@ -40,9 +40,7 @@ TINY = Config(seeds=1, model="tree", targets=(0.7,), plan=Plan(initial=60, per_c
 
 
 def run(config: Config, tracker) -> dict[str, Any]:
-    table = load_dataset(config.dataset, growth=config.growth)
-    if "strips" in table:
-        table = table[table["strips"] == 0]
+    table = load_dataset(config.dataset, growth=config.growth, space="full")
     table = table.sort_values("growth", kind="stable").reset_index(drop=True)
     curves = []
     for seed in range(config.seed, config.seed + config.seeds):

@@ -50,9 +50,7 @@ TINY = Config(test=60, coarse=2, few=100)
 
 
 def run(config: Config, tracker) -> dict[str, Any]:
-    table = load_dataset(config.dataset, growth="uniaxial")
-    if "strips" in table:
-        table = table[table["strips"] == 0]
+    table = load_dataset(config.dataset, growth="uniaxial", space="full")
     known = table[table["foldable"].notna()].sample(frac=1.0, random_state=config.seed)
     if len(known) < config.test + config.few:
         raise InputError(f"{len(known)} known labels; test and few ask for more")

@@ -64,9 +64,7 @@ def terms() -> dict[sympy.Symbol, sympy.Expr]:
 
 
 def run(config: Config, tracker) -> dict[str, Any]:
-    table = load_dataset(config.dataset, growth="uniaxial")
-    if "strips" in table:
-        table = table[table["strips"] == 0]
+    table = load_dataset(config.dataset, growth="uniaxial", space="full")
     known = table[table["foldable"].notna()]
     known = known.head(config.limit) if config.limit else known
     parts = beam.formulas(known)[list(COLUMNS.values())]

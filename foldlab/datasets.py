@@ -7,17 +7,20 @@ made (command, commit, seconds, versions) stands in its schema and in the table'
 
 from __future__ import annotations
 
+import re
 from collections import Counter
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
+from foldlab.design import FULL, PATTERNED
 from foldlab.errors import InputError
 
 if TYPE_CHECKING:
     import pandas as pd
 
 FOLDER = Path(__file__).parent / "data"
-PARTS = ("train", "validation", "test")
 
 
 def datasets() -> list[str]:
@@ -25,19 +28,22 @@ def datasets() -> list[str]:
     return sorted({_name(path) for path in FOLDER.rglob("*.parquet")})
 
 
-def load_dataset(name: str, *, growth: str | None = None, part: str | None = None) -> pd.DataFrame:
+def load_dataset(
+    name: str, *, growth: str | None = None, part: str | None = None, space: str | None = None
+) -> pd.DataFrame:
     """A dataset by name: one row per label.
 
     ``gravity``: labels of the current solver, see :func:`card`. ``growth``: only those of
     "uniaxial" or "isotropic" contraction. ``part``: only those of "train", "validation" or "test",
-    which were split once; the latter two are Latin hypercubes.
+    which were split once; the latter two are Latin hypercubes. ``space``: only designs of "full",
+    whose active layer is solid, without the columns of strips; or of "patterned", cut in strips.
 
-    ``gravity-5k``: the first version, which knows no parts. Both have the groups of the full space,
-    ``growth``, ``foldable`` (nullable boolean), ``outcome``, ``reason``, ``fold_angle`` (rad),
-    measures m1 … m4 and tags F1 … F4, ``error_estimate`` (relative), ``events`` and ``history``
-    (JSON), ``core_seconds`` and more.
+    ``gravity-5k``: the first version, which knows neither parts nor strips. Both have the groups
+    of the full space, ``growth``, ``foldable`` (nullable boolean), ``outcome``, ``reason``,
+    ``fold_angle`` (rad), measures m1 … m4 and tags F1 … F4, ``error_estimate``
+    (relative), ``events`` and ``history`` (JSON), ``core_seconds`` and more.
 
-    Raises :class:`InputError` for a name, growth or part that is not there.
+    Raises :class:`InputError` for a name, growth, part or space that is not there.
     """
     import pandas as pd
 
@@ -63,8 +69,25 @@ def load_dataset(name: str, *, growth: str | None = None, part: str | None = Non
                 f"{', '.join(there) or 'none'}"
             )
         table = table[table[column] == wanted].reset_index(drop=True)
+    if space is not None:
+        table = of_space(table, name, space)
     table.attrs["foldlab"] = made[0] if len(made) == 1 else _together(made)
     return table
+
+
+def of_space(table: pd.DataFrame, name: str, space: str) -> pd.DataFrame:
+    """The rows of a table of labels whose active layers are solid ("full", without the columns of
+    strips) or cut in strips ("patterned"). Raises :class:`InputError` where there are none."""
+    strips = [column for column in PATTERNED.names if column not in FULL.names]
+    cut = table["strips"] > 0 if "strips" in table else np.zeros(len(table), bool)
+    there = [s.name for s, rows in ((FULL, ~cut), (PATTERNED, cut)) if rows.any()]
+    if space not in there:
+        raise InputError(
+            f"space {space!r} is not in the dataset {name}; it has: {', '.join(there)}"
+        )
+    solid = space == FULL.name
+    table = table[~cut if solid else cut].reset_index(drop=True)
+    return table.drop(columns=strips, errors="ignore") if solid else table
 
 
 def card(name: str) -> str:
@@ -112,10 +135,26 @@ def _name(path: Path) -> str:
     return path.stem if path.parent == FOLDER else path.parent.name
 
 
+PIECE = re.compile(r"(first=)(\d+)")
+
+
+def _runs(told: list[str]) -> list[str]:
+    """Each once; commands that differ in the number of their piece only as one, with its ends."""
+    runs: dict[str, list[int]] = {}
+    for text in told:
+        number = PIECE.search(text)
+        runs.setdefault(PIECE.sub(r"\1*", text), []).extend([int(number[2])] if number else [])
+    return [
+        text.replace("first=*", f"first={min(k)}…{max(k)}" if len(set(k)) > 1 else f"first={k[0]}")
+        if k else text
+        for text, k in runs.items()
+    ]  # fmt: skip
+
+
 def _together(made: list[dict[str, Any]]) -> dict[str, Any]:
     """How the pieces of a dataset were made, as one."""
     alike = {
-        key: ", ".join(dict.fromkeys(str(one.get(key)) for one in made))
+        key: ", ".join(_runs([str(one.get(key)) for one in made]))
         for key in ("command", "commit", "machine", "python", "versions", "version")
     }
     sums = {key: sum(one.get(key, 0) for one in made) for key in ("labels", "core_seconds")}

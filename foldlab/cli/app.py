@@ -104,7 +104,10 @@ def train(
     labels: Annotated[Path, typer.Argument(help="Table of labels.")],
     out: Annotated[Path, typer.Option("-o", "--out", help="Folder of the model.")],
     model: Annotated[str, typer.Option("--model", help="Which model.")] = "network",
-    holdout: Annotated[float, typer.Option(help="Fraction of labels kept for scoring.")] = 0.2,
+    holdout: Annotated[
+        float | None,
+        typer.Option(help="Fraction of labels kept for scoring; else the table's parts, or 0.2."),
+    ] = None,
     rate: Annotated[
         float | None,
         typer.Option("--false-positive-rate", help="Threshold for this rate, from the hold-out."),

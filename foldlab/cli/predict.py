@@ -125,7 +125,8 @@ def _nearest(card: dict[str, Any], path: Path | None, groups: pd.DataFrame) -> p
     if path is not None:
         table = read_table(path)
     elif "dataset" in card["metadata"]:
-        table = load_dataset(card["metadata"]["dataset"], growth=card["metadata"]["growth"])
+        made = card["metadata"]
+        table = load_dataset(made["dataset"], growth=made["growth"], space=card["space"])
     else:
         return pd.DataFrame(index=groups.index)
     space = space_named(card["space"])

@@ -20,13 +20,16 @@ from foldlab.learning.scoring import angle_errors, calibration_error, model_size
 
 DEFAULT_LABELS = 6000
 ANGLE = "angle"
+HOLDOUT = 0.2
+PARTS = ("train", "validation", "test")
 
 
 def known_labels(table: pd.DataFrame, space: DesignSpace) -> tuple[pd.DataFrame, int]:
     """The groups (checked) and ``foldable`` of the designs whose label is known; and how many not.
 
-    Raises :class:`InputError` if the column ``foldable`` is missing, no label is known, or labels
-    of several kinds of growth stand in one table: the groups don't tell them apart.
+    Raises :class:`InputError` if the column ``foldable`` is missing, no label is known, or the
+    table mixes what the groups don't tell apart: kinds of growth, solid layers and ones cut in
+    strips.
     """
     kinds = table["growth"].value_counts() if "growth" in table else ()
     if len(kinds) > 1:
@@ -34,6 +37,13 @@ def known_labels(table: pd.DataFrame, space: DesignSpace) -> tuple[pd.DataFrame,
         raise InputError(
             f"the table mixes {told}, and the groups of a design don't tell them apart; take one, "
             "as in load_dataset(name, growth='uniaxial')"
+        )
+    solid = "strips" not in space.names
+    if "strips" in table and (other := (table["strips"] > 0) == solid).any():
+        raise InputError(
+            f"the active layers of {int(other.sum())} of {len(table)} designs are "
+            f"{'cut in strips' if solid else 'solid'}, which the {space.name} space doesn't know; "
+            "take one kind, as in load_dataset(name, space='full')"
         )
     if "foldable" not in table:
         raise InputError(
@@ -53,7 +63,7 @@ def train_on(
     name: str,
     *,
     seed: int,
-    holdout: float = 0.2,
+    holdout: float | None = None,
     rate: float | None = None,
     coverage: float | None = None,
     options: dict[str, Any] | None = None,
@@ -62,14 +72,18 @@ def train_on(
 
     The model "angle" learns fold angles (:func:`fit_angle`), all others whether a design folds.
 
-    The fraction ``holdout`` of the labels is kept out of the training to score the model. With
-    ``rate`` half of it chooses the threshold for this false-positive rate and the other half scores
-    the result, so that no design is used twice. With ``coverage`` that half also chooses between
-    which probabilities the model doesn't know (:mod:`foldlab.learning.conformal`); ``borders`` says
-    it. Raises :class:`InputError` for a bad table, an unknown model or option, or, before it
-    trains, too few labels for the holdout, the rate or the coverage.
+    The fraction ``holdout`` of the labels, a fifth where nothing is said, is kept out of the
+    training to score the model. With ``rate`` half of it chooses the threshold for this
+    false-positive rate and the other half scores the result, so that no design is used twice. With
+    ``coverage`` that half also chooses between which probabilities the model doesn't know
+    (:mod:`foldlab.learning.conformal`); ``borders`` says it. Where the table knows the parts
+    "train", "validation" and "test" and no holdout is given, these are what trains, chooses and
+    scores; ``split`` says which it was.
+
+    Raises :class:`InputError` for a bad table, an unknown model or option, or, before it trains,
+    too few labels for the holdout, the rate or the coverage.
     """
-    if not 0 < holdout < 1:
+    if holdout is not None and not 0 < holdout < 1:
         raise InputError(f"holdout = {holdout:g}; expected a fraction between 0 and 1")
     space = space_of(table)
     if name == ANGLE:
@@ -89,9 +103,8 @@ def train_on(
             f"{int(known['foldable'].sum())} of {len(known)} designs fold; training needs at least "
             "5 of each kind: label more designs"
         )
-    training, held = _split(known, holdout, seed, f"training and a holdout of {holdout:g}")
-    if rate is not None or coverage is not None:
-        calibration, held = _split(held, 0.5, seed, "choosing the threshold and scoring it")
+    chooses = rate is not None or coverage is not None
+    training, calibration, held, split = _divided(known, table, holdout, seed, chooses)
     if rate is not None:
         check_calibration(calibration["foldable"], rate=rate)
     if coverage is not None:
@@ -113,6 +126,7 @@ def train_on(
         "space": space.name,
         "inputs": default_inputs(space, (options or {}).get("inputs")),
         "seed": seed,
+        "split": split,
         "labels": len(training),
         "calibration_labels": len(calibration) if point or borders else 0,
         "threshold": point.threshold if point else None,
@@ -130,13 +144,17 @@ def train_on(
 
 def _train_on_angles(table, space, seed, holdout, options) -> tuple[Any, dict[str, Any]]:
     known, missing = known_angles(table, space)
-    n = round(holdout * len(known))
-    if n < 2 or len(known) - n < 20:
-        raise InputError(
-            f"{len(known)} designs have a fold angle; a holdout of {holdout:g} and a training of "
-            "20 need more: label more designs"
-        )
-    training, held = train_test_split(known, test_size=n, random_state=seed)
+    if holdout is None and (parts := _parts(known, table)):
+        training, _, held, split = *parts, "parts"
+    else:
+        holdout, split = HOLDOUT if holdout is None else holdout, "random"
+        n = round(holdout * len(known))
+        if n < 2 or len(known) - n < 20:
+            raise InputError(
+                f"{len(known)} designs have a fold angle; a holdout of {holdout:g} and a training "
+                "of 20 need more: label more designs"
+            )
+        training, held = train_test_split(known, test_size=n, random_state=seed)
     start = time.perf_counter()
     model = fit_angle(space, training, seed=seed, **options)
     seconds = time.perf_counter() - start
@@ -147,6 +165,7 @@ def _train_on_angles(table, space, seed, holdout, options) -> tuple[Any, dict[st
         "space": space.name,
         "inputs": default_inputs(space, options.get("inputs")),
         "seed": seed,
+        "split": split,
         "labels": len(training),
         "without_angle": missing,
         "task": ANGLE,
@@ -200,6 +219,31 @@ def fit_angle(space: DesignSpace, labels: pd.DataFrame, *, seed: int, **options)
                 f"model {ANGLE!r} has no setting {option!r}; it has: {', '.join(known)}"
             )
     return model.set_params(**options).fit(labels[space.names], labels["fold_angle"])
+
+
+def _parts(known: pd.DataFrame, table: pd.DataFrame) -> list[pd.DataFrame] | None:
+    """Training, validation and test as the table names them; None where it doesn't."""
+    if "part" not in table or not set(PARTS) <= set(table.loc[known.index, "part"]):
+        return None
+    return [known[table.loc[known.index, "part"] == part] for part in PARTS]
+
+
+def _divided(known, table, holdout: float | None, seed: int, chooses: bool):
+    """What trains, what chooses (None unless it is asked for) and what scores, and by what."""
+    if holdout is None and (parts := _parts(known, table)):
+        poor = [n for n, part in zip(PARTS, parts, strict=True) if part["foldable"].nunique() < 2]
+        if poor:
+            raise InputError(
+                f"all labels of the part {poor[0]} say the same; label more designs, or let a "
+                "fraction be held out instead (holdout)"
+            )
+        return parts[0], parts[1] if chooses else None, parts[2], "parts"
+    holdout = HOLDOUT if holdout is None else holdout
+    training, held = _split(known, holdout, seed, f"training and a holdout of {holdout:g}")
+    calibration = None
+    if chooses:
+        calibration, held = _split(held, 0.5, seed, "choosing the threshold and scoring it")
+    return training, calibration, held, "random"
 
 
 def _split(table, fraction: float, seed: int, uses: str) -> tuple[pd.DataFrame, pd.DataFrame]:

@@ -8,6 +8,7 @@ import pytest
 
 from experiments import gravity_ladder
 from experiments.gravity_ladder import Config, _mixed, _row, _unless, picture
+from foldlab.datasets import of_space
 from foldlab.design import FULL
 from foldlab.errors import InputError
 from foldlab.labels import beam
@@ -83,7 +84,9 @@ CONFIG = Config(test=80, few=100, coarse=5, sure=0.9, room=0.5, seed=1)
 def rungs(dataset, tracker, monkeypatch):
     """Rows of the experiment by rung, its result, and the labels tested on and learned from."""
     coarse = []
-    monkeypatch.setattr(gravity_ladder, "load_dataset", lambda name, growth: dataset)
+    monkeypatch.setattr(
+        gravity_ladder, "load_dataset", lambda name, growth, space: of_space(dataset, name, space)
+    )
     monkeypatch.setattr(
         gravity_ladder, "_coarse",
         lambda designs, truth: coarse.append((len(designs), len(truth))) or {
@@ -150,7 +153,9 @@ def test_what_a_mixture_leaves_to_the_solver_costs_its_labels_and_is_right(rungs
 
 
 def test_more_labels_than_there_are_are_refused(dataset, tracker, monkeypatch):
-    monkeypatch.setattr(gravity_ladder, "load_dataset", lambda name, growth: dataset)
+    monkeypatch.setattr(
+        gravity_ladder, "load_dataset", lambda name, growth, space: of_space(dataset, name, space)
+    )
     with pytest.raises(InputError, match="384 known labels; test and few ask for more"):
         gravity_ladder.run(Config(test=284, few=101), tracker)
 

@@ -110,6 +110,42 @@ def test_accuracies_of_the_folds_are_told_as_mean_and_ends():
     assert row["accuracy_low"] == min(folds) < max(folds) == row["accuracy_high"]
 
 
+def test_designs_near_the_boundary_are_learned_from_and_do_not_count(monkeypatch):
+    known = made(90)
+    y = known["foldable"].to_numpy()
+    known["drawn"] = np.where(np.arange(90) < 60, "hypercube", "boundary")
+    assert gravity_models.counted(known).sum() == 60
+    assert gravity_models.counted(known.drop(columns="drawn")).all()
+    assert gravity_models.counted(known.assign(drawn="boundary")).all()
+    sizes = []
+
+    def fit(name, space, labels, *, seed, **options):
+        sizes.append(len(labels))
+
+    def probability(model, designs):
+        """Right, but for every third near the boundary."""
+        at = designs.index.to_numpy()
+        return np.where(y[at] ^ ((at >= 60) & (at % 3 == 0)), 0.9, 0.1)
+
+    monkeypatch.setattr(gravity_models, "fit", fit)
+    monkeypatch.setattr(gravity_models, "probability_of_folding", probability)
+    monkeypatch.setattr(gravity_models, "model_size", lambda model: (7, "nodes"))
+    row, told, _ = gravity_models._validated(known, "tree", "groups", Config(folds=3))
+    assert sizes == [60] * 3 and np.isfinite(told).all()
+    assert row["accuracy"] == row["accuracy_low"] == 1.0 and row["near"] == pytest.approx(2 / 3)
+    assert row["calibration_error"] == pytest.approx(0.1)
+
+
+def test_a_small_tree_has_no_more_than_its_leaves():
+    known = made(400, seed=2)
+    rng = np.random.default_rng(0)
+    known["foldable"] ^= rng.random(400) < 0.2
+    model = gravity_models._fitted("small tree", known, "groups", Config())
+    assert model[-1].get_n_leaves() == 16
+    large = gravity_models._fitted("tree", known, "groups", Config())
+    assert large[-1].get_n_leaves() > 16
+
+
 def test_only_formulas_are_given_seconds_and_a_size():
     config = Config(symbolic_seconds=3.0, symbolic_nodes=9, seed=2)
     assert gravity_models._options("tree", "rod", config) == {"inputs": "rod"}
@@ -156,16 +192,16 @@ def test_isotropic_labels_are_learned_from_where_each_fold_has_both_answers():
     said = gravity_models._isotropic(table, config)
     known = table[(table["growth"] == "isotropic") & table["foldable"].notna()]
     folds = int(known["foldable"].sum())
-    assert (said["labels"], said["folds"]) == (54, folds)
+    assert (said["labels"], said["scored"], said["folds"]) == (54, 54, folds)
     assert said["majority"] == pytest.approx(max(folds, 54 - folds) / 54)
     row, *_ = gravity_models._validated(known.reset_index(drop=True), "boosted", "groups", config)
     assert said["groups"] == row["accuracy"]
     few = known.assign(foldable=[True] * 3 + [False] * 51)
     assert "groups" in gravity_models._isotropic(few, config)
     fewer = known.assign(foldable=[True] * 2 + [False] * 52)
-    assert gravity_models._isotropic(fewer, config) == {"labels": 54, "folds": 2}
+    assert gravity_models._isotropic(fewer, config) == {"labels": 54, "scored": 54, "folds": 2}
     none = known.assign(foldable=[False] * 54)
-    assert gravity_models._isotropic(none, config) == {"labels": 54, "folds": 0}
+    assert gravity_models._isotropic(none, config) == {"labels": 54, "scored": 54, "folds": 0}
 
 
 class Rule:
@@ -217,8 +253,8 @@ def test_the_map_is_verified_where_the_solver_has_an_answer(tracker, monkeypatch
 def test_shipped_models_are_named_after_what_they_see(monkeypatch):
     saved = {}
 
-    def train_on(table, name, *, seed, holdout, **options):
-        return (name, seed, holdout, options), {"accuracy": 0.9}
+    def train_on(table, name, *, seed, **options):
+        return (name, seed, options), {"accuracy": 0.9}
 
     monkeypatch.setattr(gravity_models, "train_on", train_on)
     monkeypatch.setattr(
@@ -227,12 +263,12 @@ def test_shipped_models_are_named_after_what_they_see(monkeypatch):
     )  # fmt: skip
     gravity_models._ship(made(), Config(seed=6))
     assert {name: model for name, (model, *_) in saved.items()} == {
-        "gravity": ("boosted", 6, 0.3, {"coverage": 0.99, "options": {"inputs": "physics"}}),
-        "gravity-angle": ("angle", 6, 0.3, {"options": {"inputs": "rod"}}),
+        "gravity": ("network", 6, {"coverage": 0.99, "options": {"inputs": "physics"}}),
+        "gravity-angle": ("angle", 6, {"options": {"inputs": "rod"}}),
     }
     for _, card, overwrite in saved.values():
         assert overwrite and card["accuracy"] == 0.9 and card["growth"] == "uniaxial"
-        assert card["dataset"] == "gravity-5k" and "under weight" in card["limits"]
+        assert card["dataset"] == "gravity" and "under weight" in card["limits"]
 
 
 def test_the_best_of_those_without_a_rod_is_mapped_and_what_saw_no_label_is_told_beside(
@@ -251,7 +287,7 @@ def test_the_best_of_those_without_a_rod_is_mapped_and_what_saw_no_label_is_told
         row = {"model": name, "inputs": inputs, "accuracy": accuracies[name, inputs]}
         return row, np.full(len(known), 0.5), (name, inputs)
 
-    monkeypatch.setattr(gravity_models, "load_dataset", lambda name: table)
+    monkeypatch.setattr(gravity_models, "load_dataset", lambda name, *, space: table)
     monkeypatch.setattr(gravity_models, "_validated", validated)
     monkeypatch.setattr(gravity_models, "_angles", lambda known, config: len(known))
     monkeypatch.setattr(gravity_models, "_isotropic", lambda table, config: len(table))

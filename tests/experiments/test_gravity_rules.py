@@ -22,6 +22,7 @@ from experiments.gravity_rules import (
     _row,
     terms,
 )
+from foldlab.datasets import of_space
 from foldlab.design import FULL
 from foldlab.labels import beam
 from foldlab.learning.scoring import clopper_pearson
@@ -69,7 +70,9 @@ def made(n=300):
 
 def test_rules_are_judged_on_known_labels_of_solid_layers(tracker, monkeypatch):
     table = made()
-    monkeypatch.setattr(gravity_rules, "load_dataset", lambda name, growth: table)
+    monkeypatch.setattr(
+        gravity_rules, "load_dataset", lambda name, growth, space: of_space(table, name, space)
+    )
     result = gravity_rules.run(gravity_rules.Config(), tracker)
     known = table[(table["strips"] == 0) & table["foldable"].notna()]
     parts, folds = beam.formulas(known), known["foldable"].to_numpy(bool)

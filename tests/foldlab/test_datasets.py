@@ -5,7 +5,7 @@ import pandas as pd
 import pytest
 
 from foldlab.datasets import FOLDER, card, datasets, load_dataset
-from foldlab.design import FULL
+from foldlab.design import FULL, PATTERNED
 from foldlab.errors import InputError
 from foldlab.labels.foldability import Thresholds
 from foldlab.learning.train import fit, known_labels, train_on
@@ -129,6 +129,32 @@ def test_its_parts_and_growths_can_be_asked_for(pieces):
         load_dataset("made", growth="both")
     with pytest.raises(InputError, match="part 'validation' is not in the dataset made; it has: t"):
         load_dataset("made", growth="isotropic", part="validation")
+
+
+def test_a_dataset_without_strips_says_so(pieces):
+    assert len(load_dataset("made", space="full")) == 6
+    with pytest.raises(InputError, match="space 'patterned' is not in the dataset made; it has: f"):
+        load_dataset("made", space="patterned")
+
+
+def test_solid_layers_and_strips_can_be_asked_for():
+    table = load_dataset("gravity", growth="uniaxial")
+    solid, cut = (
+        load_dataset("gravity", growth="uniaxial", space=space) for space in ("full", "patterned")
+    )
+    assert len(solid) == (table["strips"] == 0).sum() and "strip_share" not in solid
+    assert len(cut) == len(table) - len(solid) > 0
+    PATTERNED.validate(cut)
+    assert list(solid.index) == list(range(len(solid)))
+
+
+def test_pieces_are_told_as_one_command(pieces, tmp_path):
+    for k in range(1, 4):
+        table = pd.DataFrame({"growth": "uniaxial", "foldable": [True], "core_seconds": [1.0]})
+        table.attrs["foldlab"] = {"command": f"make --set first={k} --set size=1", "labels": 1}
+        (tmp_path / "more").mkdir(exist_ok=True)
+        write_table(table, tmp_path / "more" / f"p-{k}.parquet")
+    assert load_dataset("more").attrs["foldlab"]["command"] == "make --set first=1…3 --set size=1"
 
 
 def test_a_dataset_without_parts_says_so():

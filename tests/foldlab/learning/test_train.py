@@ -165,3 +165,53 @@ def test_the_symbolic_model_gets_the_threshold_and_the_sign_of_its_labels(monkey
     assert made == {"threshold": 2.5, "margin": False, "X": 2, "y": [3.0, 2.0]}
     train.fit("symbolic", REDUCED, labels.assign(normalised_angle=[3.0, 1.0, 1.0, 0.0]), seed=0)
     assert made["margin"] is True and made["y"] == [3.0, 1.0, 0.0]
+
+
+def parted(n=300):
+    """Labels that name their parts; those of the test are all turned round."""
+    labels = table(n, n).reset_index(drop=True)
+    labels["part"] = np.resize(["train", "validation", "train", "test", "train"], len(labels))
+    test = labels["part"] == "test"
+    labels.loc[test, "foldable"] = ~labels.loc[test, "foldable"]
+    return labels
+
+
+def test_a_table_that_names_its_parts_trains_chooses_and_scores_by_them():
+    labels = parted()
+    counts = labels["part"].value_counts()
+    _, card = train_on(labels, "tree", seed=0)
+    assert (card["split"], card["labels"], card["holdout_n"]) == (
+        "parts", counts["train"], counts["test"],
+    )  # fmt: skip
+    assert card["holdout_accuracy"] < 0.2 and card["calibration_labels"] == 0
+    _, card = train_on(labels, "boosted", seed=0, coverage=0.9, rate=0.1)
+    assert card["labels"] == counts["train"] and card["holdout_n"] == counts["test"]
+    assert card["calibration_labels"] == counts["validation"]
+    # Who asks for a fraction gets one, and so does a table that lacks a part.
+    _, card = train_on(labels, "tree", seed=0, holdout=0.5)
+    assert (card["split"], card["labels"]) == ("random", len(labels) // 2)
+    _, card = train_on(labels[labels["part"] != "test"], "tree", seed=0)
+    assert card["split"] == "random"
+    alike = labels[(labels["part"] != "test") | labels["foldable"]]
+    with pytest.raises(InputError, match="all labels of the part test say the same"):
+        train_on(alike, "tree", seed=0)
+
+
+def test_angles_are_scored_on_the_part_named_test():
+    labels = FULL.sample(100, seed=0).assign(fold_angle=1.0, foldable=True)
+    labels["part"] = np.resize(["train", "train", "train", "validation", "test"], 100)
+    labels.loc[labels["part"] == "test", "fold_angle"] = 2.0
+    _, card = train_on(labels, "angle", seed=0, options={"inputs": "groups"})
+    assert (card["split"], card["labels"], card["holdout_n"]) == ("parts", 60, 20)
+    assert card["holdout_error_median"] == pytest.approx(0.5, rel=0.01)
+
+
+def test_solid_layers_and_ones_cut_in_strips_are_not_mixed():
+    both = PATTERNED.sample(40, seed=0).assign(foldable=[True, False] * 20)
+    both.loc[:9, "strips"] = 0.0
+    with pytest.raises(InputError, match=r"10 of 40 designs are solid.*patterned.*space='full'"):
+        train_on(both, "tree", seed=0)
+    with pytest.raises(InputError, match=r"30 of 40 designs are cut in strips.*full space doesn't"):
+        train.known_labels(both, FULL)
+    solid, unknown = train.known_labels(both.head(10), FULL)
+    assert len(solid) == 10 and unknown == 0
