@@ -7,8 +7,10 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from foldlab.design import REDUCED
+from foldlab.design import FULL, REDUCED
 from foldlab.errors import InputError
+from foldlab.labels import beam
+from foldlab.labels.rod import rod_of
 from foldlab.learning.symbolic import engines, finishing
 from foldlab.learning.symbolic.engines import Constraints, read_operon
 from foldlab.learning.symbolic.estimators import SymbolicClassifier, SymbolicRegressor
@@ -63,6 +65,10 @@ def test_the_best_of_each_length_is_refitted_before_any_second_best():
     ]  # fmt: skip
     assert engines._by_length(candidates) == ["d", "a", "e", "b", "c", "f"]
     assert engines._by_length(candidates, keep=1) == ["d", "a"]
+    # Errors are compared by their ratio: those of small targets and good formulas are small.
+    for scale in (1e-6, 1e6):
+        scaled = [(scale * error, size, tree) for error, size, tree in candidates]
+        assert engines._by_length(scaled) == ["d", "a", "e", "b", "c", "f"]
 
 
 @pytest.mark.parametrize(
@@ -214,3 +220,22 @@ def test_errors_of_plain_squares_are_as_they_are_and_those_of_logs_have_a_limit(
     apart = np.array([[-1.0], [1.0]])
     assert np.isnan(refit(("log", "x"), apart, y, ("x",), False)[1])
     assert refit("x", apart, np.ones(2), ("x",), True)[1] == pytest.approx(20 / np.sqrt(2))
+
+
+@pytest.mark.parametrize("inputs, column", [("physics", "net"), ("rod", "rod")])
+def test_a_formula_of_physics_answers_designs_beyond_the_box_that_it_learnt_from(inputs, column):
+    designs = FULL.sample(20, seed=5)
+    table = beam.formulas(designs)
+    if inputs == "rod":
+        table = table.join(rod_of(designs))
+    known, narrow = table[column].to_numpy(), FULL.with_bounds(h_ratio=(0.9, 1.1))
+    front = [(0.1, Formula(column, tuple(table)))]
+    model = SymbolicClassifier(narrow, threshold=1.0, inputs=inputs).restore(front, 0, 0.5)
+    ahead = known > 0
+    assert 3 < ahead.sum()
+    np.testing.assert_allclose(np.exp(model.decision_function(designs))[ahead], known[ahead])
+    assert (model.predict(designs) == (known >= 1)).all()
+    # Columns in any order, and rows without names in that of the space.
+    mixed = designs[designs.columns[::-1]]
+    assert (model.predict(mixed) == model.predict(designs)).all()
+    assert (model.predict(designs[FULL.names].to_numpy()) == model.predict(designs)).all()
