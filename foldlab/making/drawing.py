@@ -221,7 +221,7 @@ def _along(sheet, ends, features, line: float, size: float, edge: float | None =
     side = 1 if edge >= high else -1
     at = (high if side > 0 else low) + side * (out + 1)
     if side * (edge - at) < WIDEST * extent(words, TEXT) + 1:
-        at = edge + 2 * side
+        at = side * max(side * at, side * edge + 2)
         _line(sheet, [((high if side > 0 else low), line), (at - side, line)])
     anchor = "start" if side > 0 else "end"
     sheet.items.append(Text("dimensions", (at, line - 0.36 * TEXT), words, anchor))

@@ -1,12 +1,15 @@
 """The least of something near a draft: local optima that keep every limit."""
 
+import re
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pandas as pd
 import pytest
 
-from foldlab.inverse import size
+from foldlab.errors import InputError
+from foldlab.inverse import size, weighted
 from foldlab.inverse.draft import Draft, steered
 from foldlab.inverse.extreme import STEEP, least
 from foldlab.inverse.points import groups_of
@@ -90,3 +93,43 @@ def test_the_largest_size_hangs_little_on_the_seed():
     (one, reason), (other, _) = (size.largest(wish, seed=seed) for seed in (0, 3))
     assert one["l_s"] == pytest.approx(other["l_s"], rel=0.01) and one["confirmed"] is False
     assert "it is a local optimum, and a larger unit may exist" in reason
+
+
+@pytest.mark.parametrize(
+    ("ends", "does", "found"),
+    [
+        (0.06, 0.066, (0.06, 0.066)),  # within a tenth of what other limits end above
+        (0.0, 0.03, (0.015, 0.03)),  # within half
+        (0.06, 0.0, None),
+        (0.0, 0.0, None),
+    ],
+)
+def test_smaller_sizes_are_tried_as_far_as_other_limits_allow_them(ends, does, found, monkeypatch):
+    class Found(Exception):
+        pass
+
+    def regions(wish):
+        if wish.fixed["l_s"] < ends:
+            raise InputError("other limits end above")
+        return [(("a", "b"), SimpleNamespace(wish=wish))]
+
+    def drafts(wish, *given, **options):
+        return SimpleNamespace(drafts=["one"] if wish.fixed["l_s"] <= does else [])
+
+    def raised(wish, first, good, asked):
+        raise Found(good, asked)
+
+    monkeypatch.setattr(weighted, "regions_of", regions)
+    monkeypatch.setattr(weighted, "drafts", drafts)
+    monkeypatch.setattr(size, "_raised", raised)
+    wish = replace(WISH, fixed={"l_s": 0.1})
+    if found:
+        with pytest.raises(Found) as told:
+            size.largest(wish, seed=0)
+        good, asked = told.value.args
+        assert found[0] <= good <= found[1] and asked == 0.1
+        return
+    none, reason = size.largest(wish, seed=0)
+    least = float(re.search(r"other limits allow them \((\S+) mm\)", reason)[1])
+    # Nothing at all is tried down to a millimetre, or to within a tenth of where limits end.
+    assert none is None and (60 <= least <= 66 if ends else 1 <= least < 2)

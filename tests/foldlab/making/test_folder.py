@@ -131,7 +131,8 @@ def test_what_cannot_be_written_is_told_and_the_rest_is_there(dossier, tmp_path,
     assert missing["cut.dxf"] == "No module named 'ezdxf'; pip install 'foldlab[make]'"
     assert missing["flat.step"] == missing["folded.step"] == "Gmsh made no solids"
     assert {path.name for path in tmp_path.iterdir()} == set(FILES) - set(missing)
-    assert json.loads((tmp_path / "unit.json").read_text())["missing"] == missing
+    facts = json.loads((tmp_path / "unit.json").read_text())
+    assert facts["missing"] == missing and facts["files"] == [k for k in FILES if k not in missing]
     words = Page((tmp_path / "report.html").read_text()).words
     assert any("not written: No module named 'ezdxf'" in w for w in words)
 
