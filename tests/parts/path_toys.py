@@ -88,14 +88,14 @@ class Function:
         return Evaluation(energy, force, blocks.reshape(-1, 3, 3))
 
 
-def function_scene(n, energy, gradient, hessian, symmetric=True):
+def function_scene(n, energy, gradient, hessian, symmetric=True, length=1.0):
     body = Nodes(np.arange(3.0 * n).reshape(n, 3), 1.0)
     everything = np.arange(n)
     return ToyScene(
         body,
         [Function(n, energy, gradient, hessian, symmetric)],
         fixed=[Fixed(everything, (0, 1, 0)), Fixed(everything, (0, 0, 1))],
-        scales=Scales(1.0, 1.0, 1.0),
+        scales=Scales(length, 1 / length, 1.0),
     )
 
 

@@ -79,6 +79,34 @@ def test_newton_goes_to_a_saddle_and_descent_does_not():
     assert abs(down.x[0]) == pytest.approx(0.0, abs=1e-12) or down.x[0] == pytest.approx(-0.2)
 
 
+def test_a_saddle_is_left_to_its_lower_side_in_any_unit_of_length():
+    # E = a⁴/4 + a³/30 − a²/2 + (b − 1)²/2 with a and b in lengths: a saddle at a = 0, b = 1
+    lower = -0.05 - np.sqrt(0.05**2 + 1)
+
+    def left(length):
+        scene = function_scene(
+            2,
+            lambda q, e: float(well(*q / length)),
+            lambda q, e: np.array([q[0] ** 3 / length**3 + 0.1 * q[0] ** 2 / length**2
+                                   - q[0] / length, q[1] / length - 1]) / length,
+            lambda q, e: np.diag([3 * q[0] ** 2 / length**2 + 0.2 * q[0] / length - 1, 1.0])
+            / length**2,
+            length=length,
+        )  # fmt: skip
+        found = descend(scene, np.array([0.0, length]), 0.0, rtol=1e-10)
+        assert found.converged and found.system.unstable == 0
+        return found.x / length, found.iterations
+
+    def well(a, b):
+        return a**4 / 4 + a**3 / 30 - a**2 / 2 + (b - 1) ** 2 / 2
+
+    # Powers of two lose no digit.
+    (x, iterations), *others = [left(2.0**k) for k in (0, -16, -8, 8, 16)]
+    assert x == pytest.approx([lower, 1.0], abs=1e-9)
+    for other, count in others:
+        assert other.tolist() == x.tolist() and count == iterations
+
+
 def test_descent_ends_in_the_next_valley():
     # E = −cos q: from near the inflection the plain step is 100 long, over sixteen valleys
     scene = function_scene(
