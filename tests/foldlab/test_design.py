@@ -246,5 +246,8 @@ def test_strips_in_si_and_back():
     # The strips and as many gaps fill the hinge.
     np.testing.assert_allclose(designs["strips"] * (si["w_i"] + si["s_i"]), si["b_i"])
     np.testing.assert_allclose(to_groups(si)[PATTERNED.names], designs, rtol=1e-9)
+    half = designs.assign(strips=designs["strips"].where(designs.index != 7, 2.5))
+    with pytest.raises(InputError, match=r"strips is 2\.5 in row 7"):
+        to_physical(half, E_s=1e6, rho_s=1e3, l_s=0.05)
     with pytest.raises(InputError, match="whole n"):
         to_groups(si.assign(b_i=1.05 * si["b_i"]))

@@ -138,6 +138,22 @@ def test_elements_of_a_hole_are_shortest_at_its_rim():
         assert steps[-1] / steps[0] == pytest.approx(RATIO)
 
 
+def test_elements_of_a_bundle_are_shortest_at_its_rim():
+    X = hexahedra(LUNG, Counts(strip=4)).nodes
+    X = X[np.abs(np.linalg.norm(X, axis=1) - 1) < 1e-9]
+    holes = Holes.of(LUNG.tiling, LUNG.tiling.flags_in("wedge"), LUNG.bundle)
+    for middle, rim in zip(holes.middle, holes.at_middle, strict=True):
+        # On the arc from the middle of the bundle to its rim, half its width.
+        ends = [np.arccos(np.clip(X @ end, -1, 1)) for end in (middle, rim)]
+        wide = np.arccos(middle @ rim)
+        assert wide == pytest.approx(LUNG.bundle / 2, rel=2e-3)
+        on = np.sort(ends[0][np.abs(ends[0] + ends[1] - wide) < 1e-7])
+        assert len(on) == 9  # ends and middles of four elements
+        steps = np.diff(on[::2])
+        assert (np.diff(steps) < 0).all()
+        assert steps[0] / steps[-1] == pytest.approx(RATIO, rel=0.02)
+
+
 def test_bundles_and_shell_share_their_contact():
     body = hexahedra(LUNG, 1)
     r = np.linalg.norm(body.nodes, axis=1)
