@@ -10,7 +10,7 @@ from solver.cases.unit import model as folding_unit
 from solver.cases.unit.choices import Meshing, Physics, Supports
 from solver.cases.unit.path import fold
 from solver.mesh.body import Body
-from solver.mesh.gmsh_import import load_gmsh, read
+from solver.mesh.gmsh_import import load_gmsh, read, session
 from solver.mesh.gmsh_model import Model
 from solver.mesh.quality import quality
 
@@ -102,6 +102,28 @@ def test_a_volume_in_two_groups_has_its_cells_once(version, tmp_path):
     body = right(again, "tet10")
     assert body.weights.sum() == pytest.approx(4 * H + 2 * L, rel=1e-10)
     assert body.cells_of("all").all()
+
+
+@needs_gmsh
+def test_groups_without_a_name_are_called_by_their_number(tmp_path):
+    with session("boxes") as gmsh:
+        first, second = (
+            gmsh.model.occ.addBox(0, 0, 0, 1, 1, 1),
+            gmsh.model.occ.addBox(1, 0, 0, 1, 1, 2),
+        )
+        gmsh.model.occ.fragment([(3, first)], [(3, second)])
+        gmsh.model.occ.synchronize()
+        (low,) = gmsh.model.getEntitiesInBoundingBox(-0.1, -0.1, -0.1, 0.1, 1.1, 1.1, 2)
+        for dim, entities, tag in ((3, [first], 7), (3, [second], 9), (2, [low[1]], 4)):
+            gmsh.model.addPhysicalGroup(dim, entities, tag)
+        gmsh.model.setPhysicalName(3, 9, "tall")
+        gmsh.model.mesh.generate(3)
+        gmsh.write(str(tmp_path / "boxes.msh"))
+    body = Body.build(read(tmp_path / "boxes.msh"), "tet4")
+    assert set(body.mesh.subdomains) == {"7", "tall"} and set(body.mesh.boundaries) == {"4"}
+    for name, volume in (("7", 1.0), ("tall", 2.0)):
+        assert body.weights[body.cells_of(name)].sum() == pytest.approx(volume)
+    assert body.surface("4").weights.sum() == pytest.approx(1.0)
 
 
 @needs_gmsh
