@@ -108,7 +108,7 @@ def write_series(level: int, g: float):
 
 
 def picture(series: Series, path, times: int = 3) -> None:
-    """Deformed shapes at the start, middle and end of a series, coloured by energy density."""
+    """Deformed shapes at the start, middle and end of a series, coloured by layer."""
     import pyvista
 
     reader = pyvista.get_reader(str(series.path))

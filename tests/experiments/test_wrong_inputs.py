@@ -143,3 +143,20 @@ def test_a_case_whose_process_ended_took_its_time_only_if_it_hung(tmp_path, monk
     assert hung["seconds"] == 9.0 and hung["case"] == 4 and hung["status"] is None
     assert hung["said"] == "sample -n much" and hung["line"] == "sample"
     assert np.isnan(wrong_inputs._lost(4, config, tmp_path, judge.CRASH)["seconds"])
+
+
+def test_a_group_that_is_left_out_takes_its_option_with_it():
+    arguments = cases.LINES["simulate"][0].split()
+    seen = set()
+    for seed in range(300):
+        what, made = cases._setting(np.random.default_rng(seed), "simulate", arguments, None)
+        if not what.startswith("without "):
+            # What is set is appended to the line.
+            assert made[:-2] == arguments and made[-2] == "--set" and what == f"--set {made[-1]}"
+            continue
+        name = what.removeprefix("without ")
+        (at,) = (k for k, word in enumerate(arguments) if word.startswith(f"{name}="))
+        assert arguments[at - 1] == "--set"
+        assert made == [a for k, a in enumerate(arguments) if k not in (at - 1, at)]
+        seen.add(name)
+    assert len(seen) > 3
