@@ -228,3 +228,32 @@ def test_the_clearance_is_that_of_the_nearest_point_of_a_panel():
     assert model.effects == ("elastic", "contact")
     late = build(P, Meshing(COARSEST), physics, watch=Watch(deadline=np.inf))
     assert late.effects == model.effects
+
+
+@pytest.mark.parametrize("mirrors", [(), ("y",)])
+def test_what_may_tip_over_is_borne_on_all_sides_but_those_that_it_was_cut_along(mirrors):
+    # Laid flat, upside down, on its end at y = 0 or the whole unit's, and on the other end.
+    flat, over, start, end = np.array(
+        [
+            np.eye(3),
+            np.diag([1, -1, -1]),
+            [[1, 0, 0], [0, 0, -1], [0, 1, 0]],
+            [[1, 0, 0], [0, 0, 1], [0, -1, 0]],
+        ]
+    )
+
+    def borne(turn, upright):
+        model = build(P, Meshing(0), supports=Supports(mirrors, upright=upright))
+        Y = model.body.nodes @ turn.T
+        Y[:, 2] -= Y[:, 2].min()
+        return -model.ground.evaluate(Y - model.body.nodes, 0.0, 1).force[:, 2].sum()
+
+    whole = borne(flat, True)
+    assert whole > 0 and borne(over, True) == 0
+    # Free, its active layer bears it, which covers the hinge; sides beside it count a little too.
+    assert borne(over, False) == pytest.approx(P.hinge_length * P.hinge_width * whole, rel=0.1)
+    assert borne(end, False) > 2 * borne(end, True) > 0
+    if mirrors:
+        assert borne(start, False) < 0.3 * borne(end, False)
+    else:
+        assert borne(start, False) == pytest.approx(borne(end, False))
