@@ -114,6 +114,32 @@ def test_the_work_that_met_a_target_is_counted(monkeypatch):
     assert path.last.control == free.last.control and path.last.history
 
 
+def test_the_work_that_met_a_target_passed_and_passed_again_within_a_step_is_counted(monkeypatch):
+    scene, spent = truss(), []
+
+    def counted(name):
+        right = getattr(continuation, name)
+
+        def call(*given, **options):
+            found = right(*given, **options)
+            spent.append((found[0] if name == "between" else found).iterations)
+            return found
+
+        monkeypatch.setattr(continuation, name, call)
+
+    # The truss's largest load is a millionth above: both ends of that step lie below the target.
+    target = 1.905435952e-4 * (1 - 1e-6)
+    stepper = ArcLength(1e-10, a=0.02, b=2e-5)
+    steps = len(trace(scene, np.zeros(1), stepper, until=load(target), max_steps=100).points) - 1
+    free = trace(scene, np.zeros(1), stepper, until=load(1.0), max_steps=steps)
+    assert free.points[-2].e < target > free.last.e and [e.kind for e in free.events] == ["fold"]
+    counted("between"), counted("newton")
+    path = trace(scene, np.zeros(1), stepper, until=load(target), max_steps=100)
+    assert path.reached and path.last.e == target and len(spent) > 3
+    assert path.last.iterations == free.last.iterations + sum(spent)
+    assert path.last.index == steps and path.last.control == free.last.control
+
+
 def test_a_target_that_is_met_by_a_step_needs_nothing_more(monkeypatch):
     scene = column(3.0)
     monkeypatch.setattr(continuation, "between", None)
