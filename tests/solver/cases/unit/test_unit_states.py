@@ -1,6 +1,7 @@
 """What holds a model, what it grows by and what a state says, without following a path."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -78,6 +79,26 @@ def test_a_class_is_lost_where_it_is_unstable_as_it_is_held(upright):
     steady, tips, bends = Check(("x",), 0, 0), Check(("y",), 0, 1), Check(("turn",), 1, 1)
     lost = walking._lost([steady, tips, bends, Check((), None, None)])
     assert lost == ([bends] if upright else [tips, bends])
+
+
+@pytest.mark.parametrize("mirrors, kind", [(("x", "y"), "symmetric"), (("x",), "bifurcation")])
+def test_toppling_is_told_once_where_it_sets_in_and_events_where_they_happened(
+    mirrors, kind, monkeypatch
+):
+    walking, tips = walk(P, mirrors=mirrors), iter([False, True, True, False, True])
+    walking.symmetries = SimpleNamespace(check=lambda x, e: [])
+    monkeypatch.setattr(path, "_state", lambda *given: SimpleNamespace(topples=next(tips)))
+    snap = SimpleNamespace(kind="snap", e=0.45, size=0.2)
+    branch = SimpleNamespace(kind="bifurcation", e=0.47, size=0.3)
+    fold = SimpleNamespace(kind="fold", e=0.48, size=0.4)
+    for e in (0.1, 0.2, 0.3, 0.4, 0.5):
+        events = (snap, branch, fold) if e == 0.5 else ()
+        point = SimpleNamespace(x=None, e=e, events=events, iterations=3, unstable=0, energy=0.0)
+        assert walking._accept(point) is point
+    told = [(h.kind, h.e, h.size) for h in walking.happenings]
+    assert told[0][:2] == ("toppling", 0.2)
+    assert told[1:] == [("snap", 0.45, 0.2), (kind, 0.47, 0.3)]
+    assert walking.iterations == 15 and len(walking.states) == 5
 
 
 # -- supports --------------------------------------------------------------------------------------
