@@ -99,12 +99,15 @@ def function_scene(n, energy, gradient, hessian, symmetric=True, length=1.0):
     )
 
 
-def truss(rise=0.1):
-    """Von Mises truss, half span 1, EA = 1; e = P / 2EA, downward at the crown (free: y)."""
-    X = np.array([[-1.0, 0, 0], [0, rise, 0], [1, 0, 0]])
+def truss(rise=0.1, length=1.0):
+    """Von Mises truss, half span ``length``, EA = 1; e = P / 2EA, downward at the crown (free: y).
+
+    The rise is in lengths.
+    """
+    X = length * np.array([[-1.0, 0, 0], [0, rise, 0], [1, 0, 0]])
     ends, crown = np.array([0, 2]), np.array([1])
     fixed = [Fixed(ends, d) for d in np.eye(3)] + [Fixed(crown, d) for d in np.eye(3)[[0, 2]]]
-    body = Nodes(X, 2.0)
+    body = Nodes(X, 2.0 * length)
     load = PointLoad(body, crown, lambda e: (0, -2 * e, 0))
     return ToyScene(body, [Bars(X, [[0, 1], [1, 2]], 1.0), load], fixed=fixed)
 
