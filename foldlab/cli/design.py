@@ -5,7 +5,7 @@ from __future__ import annotations
 from contextlib import ExitStack, nullcontext
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
@@ -91,6 +91,10 @@ class Limits:
             "--panels-touch/--panels-apart",
             help="At the end its panels must, or must not, touch each other; else either will do.",
         ),
+    ] = None
+    least: Annotated[
+        Literal["mass", "cost", "size"] | None,
+        typer.Option(help="Of what the unit shall have as little as it may; cost needs prices."),
     ] = None
 
     def read(self) -> dict[str, Any]:
@@ -264,10 +268,11 @@ def _light(n, wish: Wish, space: str, judges: Judges, files, seed, as_json) -> N
     from foldlab.inverse.confirm import confirm
     from foldlab.labels.sources import make_source
 
-    if wish.stands or wish.strain_margin is not None or wish.touching is not None or wish.patterned:
+    heavy = (wish.strain_margin, wish.touching, wish.least)
+    if wish.stands or wish.patterned or any(asked is not None for asked in heavy):
         raise InputError(
-            "--stands, --strain-margin, --panels-touch, --panels-apart and strips are told by the "
-            "solver of units whose weight is known; give materials and a size, and no --weightless"
+            "--stands, --strain-margin, --panels-touch, --panels-apart, --least and strips are for "
+            "units whose weight is known; give materials and a size, and no --weightless"
         )
     chosen = space_named(space)
     wish = replace(wish, space=chosen)

@@ -120,6 +120,9 @@ SIZES = ("l_s", "b_s", "h_s", "l_i", "b_i", "h_i")
 
 def made_of(answer: Answer, source) -> dict[str, Any]:
     """An answer under weight as plain values, and what its materials say; without curves."""
+    import pandas as pd
+
+    from foldlab.inverse.wish import masses_of
     from foldlab.labels.solver import SolverSource
     from foldlab.unit.check import strained, uncertainty
 
@@ -132,11 +135,15 @@ def made_of(answer: Answer, source) -> dict[str, Any]:
         row |= {"fold_angle": proposal.angle, "evidence": evidence}
         row["confirmed_by"] = answer.source if proposal.confirmed else None
         row["topples"] = evidence.get("topples")
-        row["strain"] = row["over_materials"] = None
+        row["strain"] = row["over_materials"] = row["material_cost"] = None
         if "h_s" not in proposal.physical:
             continue
         unit = unit_of(answer.wish, proposal)
         row["strain"] = strained(unit, evidence)
+        if proposal.mass is not None:
+            quantities = pd.DataFrame([{**proposal.groups, **proposal.physical}])
+            masses = {layer: mass[0] for layer, mass in masses_of(quantities).items()}
+            row["material_cost"] = unit.cost(masses)
         if isinstance(source, SolverSource):
             row["over_materials"] = uncertainty(unit, source)
     return out
@@ -177,6 +184,10 @@ def told(answer: Answer, result: Mapping[str, Any]) -> tuple[list[dict], dict[st
         words[f"{number} holds for"] = _box(p)
         if row["strain"]:
             words[f"{number} strain"] = _strain(row["strain"])
+        if row["material_cost"]:
+            low, high = row["material_cost"]
+            cost = f"{low:.3g}" if low == high else f"{low:.3g} to {high:.3g}"
+            words[f"{number} material cost"] = f"{cost}, by your prices per kg"
         if row["over_materials"]:
             words[f"{number} over the materials"] = _over(row["over_materials"])
     words["reason"] = answer.reason

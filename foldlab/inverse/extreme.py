@@ -9,15 +9,19 @@ better one may lie elsewhere.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
+import pandas as pd
 from scipy.optimize import linprog
 
+from foldlab.errors import InputError
 from foldlab.inverse.draft import Draft, driven
 from foldlab.inverse.points import groups_of
+from foldlab.inverse.region import Region
 from foldlab.inverse.rungs import LOST, Rungs
-from foldlab.inverse.wish import Angle
+from foldlab.inverse.wish import MASS_NEEDS, Angle, Wish, masses_of, quantities_of
+from foldlab.materials import read_materials
 
 STEP = 1e-3  # decades: of differences, far above what the rod's own tolerance leaves
 TRUST, FINEST = 0.1, 2e-3  # decades that a step may take at first, and at least
@@ -30,6 +34,10 @@ EDGE = 1e-6  # decades from a limit that count as on it
 RESTORING = 4  # secants that lead a step back to what the rod must do
 PENALTY = 1.0  # decades of cost that a rad too little or too much counts for
 BACK = np.linspace(0, 1, 21)  # of the way back to the draft
+# Of the way back to where a design started: designs that the source may confirm where it says of
+# the least one that it does not do as wished.
+RETURNS = (0.0, 0.1, 0.25, 0.5, 1.0)
+ALIKE = 1e-3  # relative difference of two values that count as one design
 
 
 def least(
@@ -160,3 +168,86 @@ def _step(rates, here, basis, A, slack, trust: float, angle: bool):
         bounds=[(-trust, trust)] * k + [(0, None)] * 2, method="highs",
     )  # fmt: skip
     return result.x[:k] if result.status == 0 else None
+
+
+@dataclass(frozen=True)
+class Price:
+    """What a design costs: its ``wish.least``, in kg, in the currency of the prices, or in m.
+
+    Raises :class:`InputError` where the wish leaves open what the value depends on, or where a
+    material of the pair has no price.
+    """
+
+    wish: Wish
+    pair: tuple[str | None, str | None]
+    region: Region
+
+    def __post_init__(self):
+        needs = ("l_s",) if self.wish.least == "size" else MASS_NEEDS
+        absent = [name for name in needs if name not in self.region.names]
+        if absent:
+            raise InputError(
+                f"the least {self.wish.least} also depends on {', '.join(absent)}: give materials "
+                "and sizes, or leave --least out"
+            )
+        if self.wish.least == "cost":
+            object.__setattr__(self, "prices", self._prices())
+
+    def _prices(self) -> dict[str, float]:
+        """Price per kg of each layer: the middle of its range."""
+        table, out = read_materials(self.wish.materials), {}
+        for layer, name in zip(("passive", "active"), self.pair, strict=True):
+            ends = [np.nan] if name is None else table.loc[name, ["price_low", "price_high"]]
+            out[layer] = float(np.mean(np.asarray(ends, float)))
+            if not np.isfinite(out[layer]):
+                raise InputError(
+                    f"the {layer} material ({name or 'none is named'}) has no price; give "
+                    "price_low and price_high per kg in --materials, or ask for --least mass"
+                )
+        return out
+
+    def __call__(self, x: np.ndarray) -> np.ndarray:
+        """The value of log10 variables (n, names), shape (n,)."""
+        if self.wish.least == "size":
+            return 10.0 ** x[:, self.region.names.index("l_s")]
+        masses = masses_of(quantities_of(x, self.region.names))
+        if self.wish.least == "mass":
+            return sum(masses.values())
+        return sum(self.prices[layer] * mass for layer, mass in masses.items())
+
+
+def frugal(drafts: list[Draft], wish: Wish, worst: Callable[[Draft, Rungs], float]) -> list[Draft]:
+    """The drafts, each with as little of ``wish.least`` as the rod allows near it, the least first.
+
+    Local optima (:func:`least`), each followed by designs on the way back
+    to where it started. ``worst``: room in the box of the wished margin, rad, which is kept ≥ 0.
+    Raises :class:`InputError` as :class:`Price` does.
+    """
+    meet = any(Rungs(wish).second(_row(draft)).max() < 0 for draft in drafts)
+    rungs = Rungs(wish, meet=meet, rocking=True)
+    out: list[tuple[float, Draft]] = []
+    for draft in drafts:
+        price = Price(wish, draft.pair, draft.region)
+        room = 0.0
+        if wish.margin > 0:
+            room = max(float(rungs.rooms(_row(draft))[0]) - worst(draft, rungs), 0.0)
+        there = least(
+            draft, rungs, lambda x, price=price: np.log10(price(x)),
+            lambda d: wish.margin == 0 or worst(d, rungs) >= 0, room,
+        )  # fmt: skip
+        for back in RETURNS:
+            here: Draft | None = replace(there, x=there.x + back * (draft.x - there.x))
+            if back and isinstance(wish.want, Angle):
+                here = driven(here, rungs)
+            if here is not None:
+                out.append((float(price(here.x[None])[0]), here))
+    chosen: list[tuple[float, Draft]] = []
+    for value, draft in sorted(out, key=lambda entry: entry[0]):
+        if not any(abs(value - other) <= ALIKE * other and draft.pair == one.pair
+                   for other, one in chosen):  # fmt: skip
+            chosen.append((value, draft))
+    return [draft for _, draft in chosen]
+
+
+def _row(draft: Draft) -> pd.DataFrame:
+    return pd.DataFrame([draft.groups])

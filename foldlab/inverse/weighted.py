@@ -23,6 +23,7 @@ from foldlab.errors import InputError
 from foldlab.inverse.answer import Answer, Proposal
 from foldlab.inverse.box import Box
 from foldlab.inverse.draft import Draft, Work, bearable, driven
+from foldlab.inverse.extreme import Price, frugal
 from foldlab.inverse.finish import ANSWERS, by_rod, finish
 from foldlab.inverse.points import groups_of, named, spread
 from foldlab.inverse.propose import climb
@@ -231,8 +232,14 @@ def weighted(
     for pair, _ in regions if strict else ():
         bearable(wish, pair)
     most = n * (2 * TRIES if strict else TRIES) if confirmed else n
+    if wish.least:
+        for pair, region in regions:
+            Price(wish, pair, region)  # for what it refuses
     found = drafts(wish, regions, most, seed=seed, model=model, walkers=walkers)
     some = list(found.drafts)
+    if some and wish.least:
+        tell(f"{len(some)} designs by the rod, each given as little {wish.least} as it can do with")
+        some = frugal(some, wish, lambda draft, rungs: _worst(draft, rungs, np.inf))
     if some:
         tell(forecast(some, n, source, confirmed))
     while some and len(done) < n:

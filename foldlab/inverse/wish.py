@@ -39,7 +39,7 @@ from foldlab.materials import find_material
 # Where a wish leaves a scale open: from tissue to diamond, foam to tungsten, cells to furniture.
 SCALES = {"E_s": (1e2, 1e12), "rho_s": (1.0, 2.5e4), "l_s": (1e-6, 10.0)}
 DEFAULT_MARGIN = 0.02
-_MASS_NEEDS = (
+MASS_NEEDS = (
     "rho_s",
     "l_s",
     "slenderness",
@@ -82,7 +82,9 @@ class Wish:
     ``min_probability`` that the predicted label is the wanted one. Under weight, ``stands``: let
     go, it doesn't topple;
     ``strain_margin``: fraction by which its peak strains stay below what its materials surely bear;
-    ``touching``: whether its panels touch each other at the end, None where either will do.
+    ``touching``: whether its panels touch each other at the end, None where either will do;
+    ``least``: of what the unit shall have as little as it may, its mass, the cost of its materials
+    by the table's prices, or its length l_s.
     Where strips are limited (``strips``, ``strip_share``) the active layer is cut in strips.
 
     Raises :class:`InputError` for unknown names, values out of bounds, quantities limited twice.
@@ -104,6 +106,7 @@ class Wish:
     stands: bool = False
     strain_margin: float | None = None
     touching: bool | None = None
+    least: Literal["mass", "cost", "size"] | None = None
 
     def __post_init__(self):
         if not (isinstance(self.want, Angle) or self.want in ("foldable", "flat")):
@@ -146,6 +149,8 @@ class Wish:
         if not 0.5 <= self.min_probability < 1:
             raise InputError(f"min_probability = {self.min_probability:g}; expected 0.5 … below 1")
 
+        if self.least not in (None, "mass", "cost", "size"):
+            raise InputError(f"least {self.least!r}; expected mass, cost or size")
         if self.touching and self.want != "foldable":
             aim = "stay flat never touch" if self.want == "flat" else "touch set the angle"
             raise InputError(f"panels that {aim}: wish for panels that touch with 'foldable' only")
@@ -225,7 +230,7 @@ def limits_of(wish: Wish, pair: tuple[str | None, str | None], table=None) -> li
     if wish.max_thickness is not None:
         variables |= {*powers_of("h_i")}
     if wish.max_mass is not None:
-        absent = [name for name in _MASS_NEEDS if name not in variables]
+        absent = [name for name in MASS_NEEDS if name not in variables]
         if absent:
             raise InputError(
                 f"the mass also depends on {', '.join(absent)}: give each a value, a range or a "

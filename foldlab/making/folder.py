@@ -78,13 +78,7 @@ class Dossier:
     @property
     def cost(self) -> tuple[float, float] | None:
         """Low and high price of the material in the unit, where each layer has a price per kg."""
-        if set(self.unit.price) != set(LAYERS):
-            return None
-        low, high = (
-            sum(self.masses[layer] * self.unit.price[layer][end] for layer in LAYERS)
-            for end in (0, 1)
-        )
-        return low, high
+        return self.unit.cost(self.masses)
 
     @property
     def reached(self) -> float | None:

@@ -47,6 +47,17 @@ class Sized:
         pattern = {name: self.groups[name] for name in STRIPS if name in self.groups}
         return replace(self, physical=physical, groups=_groups(physical) | pattern)
 
+    def cost(self, masses: Mapping[str, float]) -> tuple[float, float] | None:
+        """Low and high price of the layers' material, of ``masses`` in kg; None unless each layer
+        has a price per kg."""
+        if set(self.price) != set(masses):
+            return None
+        low, high = (
+            sum(float(mass) * self.price[layer][end] for layer, mass in masses.items())
+            for end in (0, 1)
+        )
+        return low, high
+
     def drawn(self, n: int, seed: int = 0) -> pd.DataFrame:
         """Groups (n rows) of units whose materials lie anywhere in their ranges, moduli evenly on a
         logarithmic scale; a Latin hypercube."""

@@ -118,7 +118,7 @@ def test_a_size_that_is_too_large_is_answered_with_one_that_is_not(foldlab, quic
         (f"{SHEET} --panels-touch --no-confirm", "told by the solver with contact"),
         (f"{SHEET} --panels-touch --want angle=90deg", "panels that touch set the angle"),
         (f"{SHEET} --panels-apart --source rod", "take --source solver"),
-        (f"{SHEET} --panels-apart --weightless", "--panels-apart and strips are told by the"),
+        (f"{SHEET} --panels-apart --weightless", "--panels-apart, --least and strips are for"),
         (f"{SHEET} --set strips=5 --source rod", "take --source solver"),
         (f"{SHEET} --set strips=2.5", "give whole numbers"),
     ],
