@@ -3,6 +3,7 @@
 import json
 import sys
 
+import numpy as np
 import pytest
 from PIL import Image
 from pytest import approx
@@ -100,3 +101,54 @@ def test_what_is_missing_is_told(net, foldlab, monkeypatch):
     monkeypatch.setitem(sys.modules, "ipctk", None)
     status, _, err = net(MADE)
     assert status == 2 and 'structures need ipctk: pip install "foldlab[structure]"' in err
+
+
+def test_hinges_of_one_kind_and_answer_are_a_row_with_their_angles_in_degrees():
+    from foldlab.cli.structure import rows
+
+    def hinge(angle, **changed):
+        return {
+            "fold": "valley",
+            "natural": 1.5,
+            "folds": True,
+            "why": "",
+            "angle": angle,
+        } | changed
+
+    hinges = [
+        hinge(1.0), hinge(0.25, fold="mountain"), hinge(1.2, natural=1.5 + 1e-9),
+        hinge(0.1, folds=False, why="too heavy"), hinge(0.2502, fold="mountain"),
+        hinge(0.3, natural=0.5, folds=None),
+    ]  # fmt: skip
+    valley = {"hinges": 2, "fold": "valley", "angle": "57.3° to 68.8°", "alone": "85.9°"}
+    valley |= {"folds": "yes", "why not": ""}
+    mountain = {"hinges": 2, "fold": "mountain", "angle": "14.3°"}
+    assert rows({"hinges": hinges}) == [
+        valley,
+        valley | mountain,
+        valley | {"hinges": 1, "angle": "5.7°", "folds": "no", "why not": "too heavy"},
+        valley | {"hinges": 1, "angle": "17.2°", "alone": "28.6°", "folds": "–"},
+    ]
+
+
+def test_words_have_strains_in_per_cent_and_grams():
+    from foldlab.cli.structure import readable
+
+    told = {
+        "reason": "all 2 hinges fold", "strain": {"passive": 0.0123, "active": 0.256},
+        "bears": {"passive": True, "active": None}, "stable": False, "clearance": 1e-4,
+        "mass": 0.00456, "laws": [], "core_seconds": 2.0, "files": ["a", "b"],
+    }  # fmt: skip
+    words = readable(told)
+    assert words == {
+        "answer": "all 2 hinges fold", "strain of the sheet": "1.2 %, borne",
+        "strain of the active layer": "26 %, at which it may break", "stands": "no",
+        "panels": "touch", "mass": "4.56 g", "took": "2 core-seconds, 0 for the hinges",
+        "files": "a, b",
+    }  # fmt: skip
+    for apart in (None, np.inf):
+        assert "panels" not in readable(told | {"clearance": apart})
+    bare = readable(told | {"bears": {"active": False}, "stable": None})
+    assert bare["strain of the sheet"] == "1.2 %" and bare["stands"] == "not known"
+    assert bare["strain of the active layer"] == "26 %, more than it bears"
+    assert list(readable(told | {"strain": None})) == ["answer", "mass", "took", "files"]
