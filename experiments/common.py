@@ -14,6 +14,9 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+import pandas as pd
+
 from foldlab.errors import InputError
 from foldlab.settings import build, read_settings
 from foldlab.tables import replace_file
@@ -60,3 +63,10 @@ def main(module_doc: str, run: Callable, config_class: type, tiny: Any) -> None:
         print(json.dumps(result, allow_nan=False))
     else:
         emit({k: v for k, v in result.items() if k != "table"}, False, result.get("table"))
+
+
+def counted(known: pd.DataFrame) -> np.ndarray:
+    """(n,): which labels count in a statistic; those of the hypercube where the table tells them
+    from those near the boundary, else all."""
+    cube = (known["drawn"] == "hypercube").to_numpy() if "drawn" in known else np.zeros(0, bool)
+    return cube if cube.any() else np.ones(len(known), bool)

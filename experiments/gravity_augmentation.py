@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from experiments.common import main, save_figure
+from experiments.common import counted, main, save_figure
 from foldlab.datasets import load_dataset
 from foldlab.design import FULL
 from foldlab.learning.along import states_as_labels
@@ -28,7 +28,7 @@ from foldlab.learning.plots import plot_learning_curves
 class Config:
     seed: int = 0
     seeds: int = 5
-    dataset: str = "gravity-5k"
+    dataset: str = "gravity"
     growth: str = "uniaxial"
     model: str = "boosted"
     test: int = 1500
@@ -41,7 +41,7 @@ TINY = Config(seeds=1, model="tree", targets=(0.7,), plan=Plan(initial=60, per_c
 
 def run(config: Config, tracker) -> dict[str, Any]:
     table = load_dataset(config.dataset, growth=config.growth, space="full")
-    table = table.sort_values("growth", kind="stable").reset_index(drop=True)
+    table = table[counted(table)].sort_values("growth", kind="stable").reset_index(drop=True)
     curves = []
     for seed in range(config.seed, config.seed + config.seeds):
         shuffled = table.sample(frac=1.0, random_state=seed)

@@ -16,7 +16,7 @@ import numpy as np
 import pandas as pd
 from matplotlib.figure import Figure
 
-from experiments.common import main, save_figure
+from experiments.common import counted, main, save_figure
 from foldlab.datasets import load_dataset
 from foldlab.design import FULL
 from foldlab.errors import InputError
@@ -34,7 +34,7 @@ from foldlab.plots import STYLE
 @dataclass(frozen=True)
 class Config:
     seed: int = 0
-    dataset: str = "gravity-5k"
+    dataset: str = "gravity"
     test: int = 1000
     coarse: int = 120
     """Of these designs so many also go to the solver on its coarsest mesh."""
@@ -52,7 +52,8 @@ TINY = Config(test=60, coarse=2, few=100)
 def run(config: Config, tracker) -> dict[str, Any]:
     table = load_dataset(config.dataset, growth="uniaxial", space="full")
     known = table[table["foldable"].notna()].sample(frac=1.0, random_state=config.seed)
-    if len(known) < config.test + config.few:
+    known = known.iloc[np.argsort(~counted(known), kind="stable")]
+    if len(known) < config.test + config.few or counted(known).sum() < config.test:
         raise InputError(f"{len(known)} known labels; test and few ask for more")
     test, rest = known.iloc[: config.test], known.iloc[config.test :]
     designs, truth = test[FULL.names].reset_index(drop=True), as_labels(test["foldable"])

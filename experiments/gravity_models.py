@@ -21,7 +21,7 @@ import numpy as np
 import pandas as pd
 from sklearn.model_selection import StratifiedKFold
 
-from experiments.common import main, save_figure
+from experiments.common import counted, main, save_figure
 from foldlab.datasets import load_dataset
 from foldlab.design import FULL
 from foldlab.errors import InputError
@@ -158,12 +158,6 @@ def _ship(table: pd.DataFrame, config: Config) -> None:
     ):
         fitted, result = train_on(table, model, seed=config.seed, **options)
         save_model(fitted, SHIPPED / name, result | made, overwrite=True)
-
-
-def counted(known: pd.DataFrame) -> np.ndarray:
-    """(n,): which labels count; those of the hypercube where the table knows them, else all."""
-    cube = (known["drawn"] == "hypercube").to_numpy() if "drawn" in known else np.zeros(0, bool)
-    return cube if cube.any() else np.ones(len(known), bool)
 
 
 def _fitted(name: str, labels: pd.DataFrame, inputs: str, config: Config):

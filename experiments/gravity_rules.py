@@ -21,7 +21,7 @@ from sklearn.linear_model import LogisticRegression
 from sklearn.model_selection import StratifiedKFold, cross_val_predict, train_test_split
 from sklearn.tree import DecisionTreeClassifier, export_text
 
-from experiments.common import main, save_figure
+from experiments.common import counted, main, save_figure
 from foldlab.datasets import load_dataset
 from foldlab.design import FULL
 from foldlab.labels import beam
@@ -44,7 +44,7 @@ GROUPS = {
 @dataclass(frozen=True)
 class Config:
     seed: int = 0
-    dataset: str = "gravity-5k"
+    dataset: str = "gravity"
     leaves: int = 8
     limit: int = 0
     """Labels to use at most; 0: all."""
@@ -65,7 +65,7 @@ def terms() -> dict[sympy.Symbol, sympy.Expr]:
 
 def run(config: Config, tracker) -> dict[str, Any]:
     table = load_dataset(config.dataset, growth="uniaxial", space="full")
-    known = table[table["foldable"].notna()]
+    known = table[counted(table) & table["foldable"].notna().to_numpy()]
     known = known.head(config.limit) if config.limit else known
     parts = beam.formulas(known)[list(COLUMNS.values())]
     folds = as_labels(known["foldable"])

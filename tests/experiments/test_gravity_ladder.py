@@ -152,6 +152,28 @@ def test_what_a_mixture_leaves_to_the_solver_costs_its_labels_and_is_right(rungs
             assert row["core_seconds"] == pytest.approx(cost * open_, rel=0.35)
 
 
+def test_what_lies_near_the_boundary_is_learned_from_and_not_tested_on(
+    dataset, tracker, monkeypatch
+):
+    drawn = dataset.assign(drawn=np.where(np.arange(400) % 4 == 0, "hypercube", "boundary"))
+    monkeypatch.setattr(
+        gravity_ladder, "load_dataset", lambda name, growth, space: of_space(drawn, name, space)
+    )
+    seen = {}
+
+    def coarse(designs, truth):
+        seen["designs"] = designs
+        return {"rung": "solver, coarsest mesh", "answered": 1.0, "wrong": 0.0, "wrong_most": 0.5,
+                "core_seconds": 0.5}  # fmt: skip
+
+    monkeypatch.setattr(gravity_ladder, "_coarse", coarse)
+    gravity_ladder.run(Config(test=80, few=100, coarse=80, sure=0.9), tracker)
+    cube = drawn.loc[drawn["drawn"] == "hypercube", "h_ratio"]
+    assert len(seen["designs"]) == 80 and set(seen["designs"]["h_ratio"]) <= set(cube)
+    with pytest.raises(InputError, match="known labels; test and few ask for more"):
+        gravity_ladder.run(Config(test=101, few=100), tracker)
+
+
 def test_more_labels_than_there_are_are_refused(dataset, tracker, monkeypatch):
     monkeypatch.setattr(
         gravity_ladder, "load_dataset", lambda name, growth, space: of_space(dataset, name, space)

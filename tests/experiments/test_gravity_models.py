@@ -8,6 +8,7 @@ import pandas as pd
 import pytest
 
 from experiments import gravity_models
+from experiments.common import counted
 from experiments.gravity_models import AXES, HELD, SLICED, TINY, Config
 from foldlab.design import FULL
 from foldlab.labels.foldability import Thresholds
@@ -114,9 +115,9 @@ def test_designs_near_the_boundary_are_learned_from_and_do_not_count(monkeypatch
     known = made(90)
     y = known["foldable"].to_numpy()
     known["drawn"] = np.where(np.arange(90) < 60, "hypercube", "boundary")
-    assert gravity_models.counted(known).sum() == 60
-    assert gravity_models.counted(known.drop(columns="drawn")).all()
-    assert gravity_models.counted(known.assign(drawn="boundary")).all()
+    assert counted(known).sum() == 60
+    assert counted(known.drop(columns="drawn")).all()
+    assert counted(known.assign(drawn="boundary")).all()
     sizes = []
 
     def fit(name, space, labels, *, seed, **options):
