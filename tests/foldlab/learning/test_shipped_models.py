@@ -12,7 +12,7 @@ from foldlab.learning.saving import load_model, shipped, shipped_for
 
 @pytest.fixture(scope="module")
 def known():
-    table = load_dataset("gravity-5k", growth="uniaxial")
+    table = load_dataset("gravity", growth="uniaxial", space="full", part="test")
     return table[table["foldable"].notna()]
 
 
@@ -21,8 +21,8 @@ def test_each_is_below_a_megabyte_and_has_a_card():
     for name, folder in shipped().items():
         files = list(folder.iterdir())
         assert sum(f.stat().st_size for f in files) < 1e6, name
-        # Plain JSON and skops, which loads no code.
-        assert {f.suffix for f in files} == {".json", ".skops"}
+        # JSON, skops and plain arrays load no code; the .pt2 is not read by foldlab.
+        assert {f.suffix for f in files} <= {".json", ".skops", ".npz", ".pt2"}
         made = load_model(name)[1]["metadata"]
         assert {"dataset", "growth", "command", "commit", "limits", "bounds", "labels"} <= set(made)
         assert "dirty" not in made["commit"]
@@ -37,7 +37,6 @@ def test_the_classifier_answers_as_rarely_wrong_as_its_card_says(known):
     answers = Borders(**made["borders"]).answers(p)
     truth = known["foldable"].to_numpy(bool)
     told = ~np.asarray(answers.isna())
-    # Most of these labels it has learned from; unseen ones stand in the card.
     assert told.mean() > 0.97 and (np.asarray(answers[told], bool) == truth[told]).mean() > 0.985
     assert made["holdout_accuracy"] > 0.98 and made["holdout_calibration_error"] < 0.02
 
