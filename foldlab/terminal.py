@@ -14,9 +14,6 @@ from typing import Annotated, Any, get_type_hints
 
 import typer
 from rich.console import Console
-from rich.table import Table
-
-from foldlab.settings import read_settings
 
 err = Console(stderr=True, soft_wrap=True)
 
@@ -39,6 +36,9 @@ class Given:
 
     def read(self) -> dict[str, Any]:
         """Names to values; see :func:`foldlab.settings.read_settings`."""
+        # Pydantic takes a tenth of a second, which --help does not need.
+        from foldlab.settings import read_settings
+
         return read_settings(self.settings or (), self.config)
 
 
@@ -84,6 +84,8 @@ def emit(result: dict[str, Any], as_json: bool, rows: list[dict] | None = None) 
     width = None if sys.stdout.isatty() else 160
     out = Console(width=width, markup=False, highlight=False)
     if rows:
+        from rich.table import Table
+
         table = Table(show_edge=False)
         for name in rows[0]:
             table.add_column(name, justify="left" if isinstance(rows[0][name], str) else "right")

@@ -5,27 +5,31 @@ from __future__ import annotations
 import os
 import time
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import pandas as pd
+import typer
 
 from foldlab.campaign.campaign import run_campaign
 from foldlab.cli import page, showcase
+from foldlab.cli.outputs import only_whole, output_folder
 from foldlab.design import REDUCED
 from foldlab.errors import InputError
 from foldlab.labels.store import LabelStore
 from foldlab.labels.timoshenko import TimoshenkoSource
-from foldlab.learning.compare import Comparison, compare
+from foldlab.learning.compare import Comparison, compare, readable
 from foldlab.learning.saving import save_model
 from foldlab.learning.train import symbolic_options
 from foldlab.maps.plots import plot_regimes
 from foldlab.maps.regimes import regime_map
 from foldlab.plots import save_figure
+from foldlab.settings import build
 from foldlab.tables import write_table
-from foldlab.tracking import Run, track, tracking_uri
+from foldlab.terminal import Given, Json, Seed, Workers, emit, note
+from foldlab.tracking import ROOT, Run, track, tracking_uri
 
 MODELS = ("tree", "forest", "boosted", "dissertation", "network", "symbolic")
 
@@ -195,3 +199,24 @@ def _weigh(
         tracker.metrics(mapped.checked)
         say(f"map      {path}")
     return {"folding": folding, "designed": designed, "mapped": mapped}
+
+
+def quickstart(
+    *,
+    out: Annotated[Path, typer.Option("-o", "--out", help="Folder for labels, maps, models.")] = (
+        Path("out/quickstart")
+    ),
+    workers: Workers = 2,
+    seed: Seed = 0,
+    given: Given,
+    as_json: Json = False,
+) -> None:
+    """Sample, label, train, compare, map and track; fold, design and map under weight; one page.
+
+    Takes some minutes; --set unit=false, proposals=0 and verify=0 leave the solver out.
+    """
+    chosen = build(Settings, given.read(), seed=seed)
+    local = "MLFLOW_TRACKING_URI" not in os.environ
+    with only_whole(ROOT) if local else nullcontext(), output_folder(out):
+        result = run(chosen, out, say=note, workers=workers)
+    emit(result, as_json, readable(result["table"]))

@@ -137,7 +137,7 @@ def test_trials_that_ended_stay_where_the_rest_of_a_study_fails(inputs, tmp_path
     def full(*_):
         raise OSError(errno.ENOSPC, "No space left on device")
 
-    monkeypatch.setattr("foldlab.cli.app.write_table", full)
+    monkeypatch.setattr("foldlab.cli.learn.write_table", full)
     status, *_ = inputs(f"tune l.csv --trials 1 {SEARCH} -o t")
     assert status == 2
     assert [path.name for path in (tmp_path / "t").iterdir()] == ["study.journal"]
