@@ -52,11 +52,18 @@ def test_states_stand_side_by_side_in_one_box_in_millimetres():
         assert np.ravel([ax.get_xlim(), ax.get_ylim(), ax.get_zlim()]) == pytest.approx(
             [0, 2000, 0, 1000, 0, 1000], abs=1e-6
         )
-    (faces,) = figure.axes[-1].collections
-    drawn = [to_hex(colour).upper() for colour in faces.get_facecolor()]
+
+
+@pytest.mark.parametrize(
+    ("fold", "colour"), [(1, pictures.VALLEY), (-1, pictures.MOUNTAIN), (0, pictures.FREE)]
+)
+def test_strips_have_the_colour_of_their_fold(fold, colour):
+    (ax,) = pictures.plot_states(a_folding([1.0], folds=(fold, fold)), 1).axes
+    (faces,) = ax.collections
+    drawn = [to_hex(own).upper() for own in faces.get_facecolor()]
     # Matplotlib draws from the back to the front.
-    own = [pictures.PANEL] * 2 + [pictures.VALLEY, pictures.MOUNTAIN, pictures.FREE]
-    assert sorted(drawn) == sorted(own) and len(set(drawn)) == 4
+    assert sorted(drawn) == sorted([pictures.PANEL] * 2 + [colour] * 2)
+    assert len({pictures.PANEL, pictures.VALLEY, pictures.MOUNTAIN, pictures.FREE}) == 4
 
 
 def test_angles_are_drawn_in_degrees_over_the_contraction_and_named_once():
