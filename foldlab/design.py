@@ -91,6 +91,20 @@ class DesignSpace:
     name: str
     parameters: tuple[Parameter, ...]
 
+    def __repr__(self) -> str:
+        groups = ", ".join(f"{p.name} {p.low:g} to {p.high:g}" for p in self.parameters)
+        return f"DesignSpace({self.name}: {groups})"
+
+    def _repr_html_(self) -> str:
+        from foldlab.shown import html_table
+
+        rows = [
+            (p.name, p.symbol, p.meaning, f"{p.low:g} to {p.high:g}", p.scale)
+            for p in self.parameters
+        ]
+        head = ("group", "symbol", "meaning", "bounds", "scale")
+        return html_table(f"design space {self.name}", rows, head)
+
     @property
     def names(self) -> list[str]:
         return [p.name for p in self.parameters]

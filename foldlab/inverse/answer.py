@@ -80,6 +80,16 @@ class Answer:
     rejected: int = 0
     largest: Mapping | None = None
 
+    def __repr__(self) -> str:
+        return f"Answer({len(self.proposals)} of {self.asked} designs; {self.reason})"
+
+    def _repr_html_(self) -> str:
+        from foldlab.shown import html_table
+
+        told = rows(self)
+        cells = [[f"{v:.4g}" if isinstance(v, float) else v for v in row.values()] for row in told]
+        return html_table(self.reason, cells, list(told[0]) if told else ())
+
     @property
     def complete(self) -> bool:
         return len(self.proposals) == self.asked

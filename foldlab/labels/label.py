@@ -39,6 +39,23 @@ class Label:
     source: str = ""
     version: str = ""
 
+    def __repr__(self) -> str:
+        who = f"{self.source}: " if self.source else ""
+        return f"Label({self._says()}; {who}{self.reason})"
+
+    def _says(self) -> str:
+        """The verdict, and the angle where the source gives one."""
+        verdict = {True: "folds", False: "does not fold"}.get(self.foldable, "unknown")
+        angle = self.evidence.get("fold_angle")
+        return f"{verdict}, {angle:.4g} rad" if isinstance(angle, float) else verdict
+
+    def _repr_html_(self) -> str:
+        from foldlab.shown import html_table
+
+        rows = [("reason", self.reason), ("source", self.source or "–")]
+        rows += [(name, f"{value:.4g}") for name, value in self.design.items()]
+        return html_table(self._says(), rows)
+
 
 @runtime_checkable
 class LabelSource(Protocol):

@@ -66,6 +66,12 @@ class RegimeMap:
     source_seconds: float = 0.0
     beside: tuple[str, np.ndarray] | None = field(default=None, repr=False)
 
+    def plot(self, **options):
+        """The map as a Matplotlib figure; options as in :func:`foldlab.maps.plots.plot_regimes`."""
+        from foldlab.maps.plots import plot_regimes
+
+        return plot_regimes(self, **options)
+
     @property
     def points(self) -> int:
         return self.predicted.size

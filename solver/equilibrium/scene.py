@@ -178,6 +178,10 @@ class Scene:
             one_of("scales", Scales, scales, "Scales(length, force, energy)")
         self.scales = scales or Scales(body.length, *self._natural_scales())
 
+    def __repr__(self) -> str:
+        terms = ", ".join(type(term).__name__ for term in self.terms)
+        return f"Scene({terms}; {self.n_nodes} nodes, {self.n_free} unknowns, {self.n_rows} rows)"
+
     def with_terms(self, terms: Sequence[Term]) -> Scene:
         """The same body, supports, solver and scales with other terms: nothing is analysed again.
 

@@ -58,6 +58,35 @@ class Path:
     warnings: tuple[UserWarning, ...] = ()
     detail: str = ""
 
+    def __repr__(self) -> str:
+        span = f", e {self.points[0].e:.4g} to {self.last.e:.4g}" if self.points else ""
+        n, told = len(self.points), "".join(f", {e.kind} at {e.e:.4g}" for e in self.events[:3])
+        more = f", {len(self.events) - 3} more events" if len(self.events) > 3 else ""
+        return f"Path({n} points{span}{told}{more}; {self.reason})"
+
+    def plot(self, measure: Callable[[Point], float], label: str = ""):
+        """Matplotlib axes of ``measure`` of each point over the load e: points whose unstable modes
+        are none are filled, others and those not counted are open. ``label``: of the measure.
+
+        Raises ValueError for a path without points.
+        """
+        if not self.points:
+            raise ValueError(f"the path has no points to plot: {self.reason}")
+        from matplotlib.figure import Figure
+
+        values = [measure(p) for p in self.points]
+        ax = Figure(figsize=(5, 3.5), layout="constrained").subplots()
+        ax.plot(self.loads, values, color="0.6", lw=1)
+        for stable, face in ((True, "C0"), (False, "white")):
+            some = [k for k, p in enumerate(self.points) if (p.unstable == 0) == stable]
+            ax.plot(
+                self.loads[some], [values[k] for k in some], "o", ms=4, mec="C0", mfc=face,
+                label="stable" if stable else "unstable or not counted",
+            )  # fmt: skip
+        ax.set(xlabel="load e", ylabel=label)
+        ax.legend(frameon=False)
+        return ax
+
     @property
     def last(self) -> Point:
         """The last accepted point; raises ValueError for a path without points."""
