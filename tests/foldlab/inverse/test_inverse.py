@@ -11,6 +11,7 @@ import pytest
 from foldlab.design import FULL, REDUCED, to_groups
 from foldlab.errors import InputError
 from foldlab.inverse.confirm import confirm
+from foldlab.inverse.points import groups_of, physical_of
 from foldlab.inverse.propose import propose
 from foldlab.inverse.region import Region
 from foldlab.inverse.wish import Angle, Wish, limits_of, mass_of
@@ -417,3 +418,16 @@ def test_materials_of_ones_own_and_broken_ones(tmp_path):
             read_materials(own)
     with pytest.raises(InputError, match="readable"):
         read_materials(tmp_path / "absent.csv")
+
+
+def test_what_lies_on_a_limit_is_not_rounded_over_it():
+    fixed, ranges = {"b_s": 0.023}, {"l_s": (0.03, 0.07), "h_s": (1e-4, 3e-4)}
+    wish = Wish(space=FULL, fixed=fixed, ranges=ranges, passive=("paper",))
+    region = Region(wish, limits_of(wish, ("paper", None), read_materials(None)))
+    x = region.sample(40, np.random.default_rng(0))
+    at = region.names.index("l_s")
+    for end, off in ((0.03, -1e-12), (0.07, 1e-12)):
+        x[:, at] = np.log10(end) + off
+        out = physical_of(region, groups_of(region, x), x)
+        assert (out["l_s"] == end).all() and (out["b_s"] == 0.023).all()
+        assert out["h_s"].between(1e-4, 3e-4).all()

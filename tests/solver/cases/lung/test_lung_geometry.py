@@ -92,6 +92,24 @@ def test_fibres_run_along_the_bundles_with_the_tilings_symmetry():
     assert np.ptp(np.abs(fibre_directions(LUNG, around)), axis=0).max() > 0.5
 
 
+@pytest.mark.parametrize("part", [0.3, 0.6, 0.9])
+def test_beside_a_joint_bundles_count_by_how_far_they_are(part):
+    # On one of three bundles, ``part`` of their width from the joint, where the other two begin:
+    # at 120 degrees, each of the weight (1 − part²)².
+    t, C = LUNG.tiling, unit(np.array([(1 + np.sqrt(5)) / 2, 0, 2 + np.sqrt(5)]))
+    ends = np.abs(t.corners[t.edges] - C).max(axis=2).min(axis=1) < 1e-9
+    assert ends.sum() == 3
+    other = (1 - part**2) ** 2
+    for middle in t.middles[ends]:
+        way = unit(middle - (middle @ C) * C)
+        at = unit(C + np.tan(part * LUNG.bundle) * way)
+        along = unit(way - (way @ at) * at)
+        across = np.cross(at, along)
+        tensor = blended_fibres(LUNG, at[None])[0]
+        known = np.array([1 + 2 * other / 4, 2 * other * 3 / 4]) / (1 + 2 * other)
+        assert [along @ tensor @ along, across @ tensor @ across] == pytest.approx(known, abs=4e-3)
+
+
 # -- meshes --------------------------------------------------------------------------------------
 
 
