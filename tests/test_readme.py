@@ -5,11 +5,10 @@ tested in tests/foldlab/campaign, ``make demo`` and ``make test`` by whoever run
 """
 
 import re
-import shlex
-import sys
 from pathlib import Path
 
 import pytest
+import written
 
 from foldlab.cli import app as cli
 from foldlab.design import FULL
@@ -35,7 +34,7 @@ NEEDS_A_CLUSTER = ("dask", "submitit", "SBATCH")
 
 
 def blocks(language: str) -> list[str]:
-    found = re.findall(rf"```{language}\n(.*?)```", README, re.DOTALL)
+    found = [text for kind, _, text in written.blocks(README) if kind == language]
     kept = [block for block in found if not any(word in block for word in NEEDS_A_CLUSTER)]
     assert len(kept) >= 3
     return kept
@@ -57,15 +56,7 @@ def test_commands_run_in_their_order(tmp_path, monkeypatch, capsys):
     verbs = set()
     for block in blocks("sh"):
         for line in block.replace("\\\n", " ").splitlines():
-            command = shlex.split(smaller(line), comments=True)
-            if not command or command[0] == "make":
-                continue
-            assert command[0] == "foldlab", line
-            verbs.add(command[1])
-            monkeypatch.setattr(sys, "argv", command)
-            with pytest.raises(SystemExit) as end:
-                cli.main()
-            assert not end.value.code, f"{line}: {capsys.readouterr().err}"
+            verbs |= set(written.run_command(smaller(line), monkeypatch, capsys)[1:2])
     assert verbs >= {"check", "simulate", "sample", "label", "train", "map", "design", "tune"}
     assert "predict" in verbs
     assert {"d.parquet", "s.db", "l.parquet", "m", "map.png", "a", "t"} <= {

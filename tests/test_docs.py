@@ -1,0 +1,80 @@
+"""The pages of docs/ build without a warning, and every block of commands or Python in them runs.
+
+A page's blocks run in their order in one folder; a block of Python with a title is a file there.
+"""
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+import written
+import yaml
+
+from foldlab import FULL
+
+ROOT = Path(__file__).parent.parent
+PAGES = {path.stem: path.read_text(encoding="utf-8") for path in (ROOT / "docs").glob("*.md")}
+
+
+def test_the_pages_build_without_a_warning(tmp_path):
+    done = subprocess.run(
+        [sys.executable, "-m", "mkdocs", "build", "--strict", "-d", str(tmp_path / "site")],
+        cwd=ROOT, capture_output=True, text=True, timeout=200,
+        env=os.environ | {"NO_MKDOCS_2_WARNING": "1"},
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    reference = (tmp_path / "site" / "reference" / "index.html").read_text(encoding="utf-8")
+    assert 'id="foldlab.labels.label.Label"' in reference
+    assert "groups to numbers" in (tmp_path / "site" / "source" / "index.html").read_text()
+
+
+def test_every_page_stands_in_the_navigation():
+    settings = yaml.safe_load((ROOT / "mkdocs.yml").read_text(encoding="utf-8"))
+    named = [next(iter(entry.values())) for entry in settings["nav"]]
+    assert sorted(named) == sorted(f"{name}.md" for name in PAGES)
+
+
+@pytest.mark.parametrize("page", sorted(PAGES))
+def test_the_blocks_of_a_page_run(page, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.syspath_prepend(str(tmp_path))
+    for language, title, text in written.blocks(PAGES[page]):
+        if title:
+            (tmp_path / title).write_text(text, encoding="utf-8")
+        elif language == "python":
+            exec(compile(text, f"{page}.md", "exec"), {"__name__": "__main__"})
+        elif language == "sh":
+            for line in text.splitlines():
+                written.run_command(line, monkeypatch, capsys)
+        else:
+            pytest.fail(f"{page}.md has a block of {language or 'no language'}, which nothing runs")
+    sys.modules.pop("mine", None)
+
+
+def test_the_cells_of_the_input_deck_are_the_right_way_out_and_fill_the_unit():
+    page = written.blocks(PAGES["source"])
+    names = {"__name__": "mine"}
+    exec(next(text for _, title, text in page if title == "mine.py").split("@dataclass")[0], names)
+    design = FULL.sample(1, seed=3).iloc[0].to_dict()
+    nodes, volumes, what = {}, dict.fromkeys(("PASSIVE", "ACTIVE"), 0.0), ""
+    for line in names["deck"](design).splitlines():
+        if line.startswith("*"):
+            what = line
+            continue
+        first, *rest = line.split(",")
+        if what == "*NODE":
+            nodes[first] = np.array([float(x) for x in rest])
+        elif what.startswith("*ELEMENT"):
+            p = [nodes[name.strip()] for name in rest]
+            # Corners of a C3D8: around the bottom, then around the top above them.
+            volume = np.linalg.det([p[1] - p[0], p[3] - p[0], p[4] - p[0]])
+            assert volume > 0
+            np.testing.assert_allclose([p[2] - p[3], p[6] - p[7]], [p[1] - p[0]] * 2, atol=1e-8)
+            volumes[what.split("=")[-1]] += volume
+    b, length, wide = design["aspect"], design["hinge_length"], design["hinge_width"]
+    sheet = b * (1 - length * (1 - wide)) * design["slenderness"]  # as narrow as the hinge at it
+    layer = length * wide * b * design["h_ratio"] * design["slenderness"]
+    assert volumes == pytest.approx({"PASSIVE": sheet, "ACTIVE": layer}, rel=1e-6)
