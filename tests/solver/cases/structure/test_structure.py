@@ -1,5 +1,8 @@
 """Structures that fold: against units, rigid kinematics, and what people know."""
 
+from dataclasses import dataclass
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 from crease_patterns import (
@@ -24,6 +27,7 @@ from solver.equilibrium.clock import core_seconds
 from solver.equilibrium.outcome import Outcome
 from solver.paths.point import Ended
 from solver.paths.stable import StableSteps
+from solver.paths.steppers import LoadSteps
 
 CROSS = [(0, 0), (1, 0), (2, 0), (1, 1), (1, -1), (1, 2)]
 
@@ -187,6 +191,34 @@ def test_a_step_that_finds_no_state_is_tried_as_a_long_fall(monkeypatch):
     monkeypatch.setattr(path, "_slowly", lambda *_: Ended(Outcome.NO_STABLE_STATE))
     lost = folded(squares([(0, 0), (1, 0)]), 1.0, effects=())
     assert lost.ending is Ending.LOST and len(lost.states) == 1
+
+
+def test_a_long_fall_begins_half_a_step_ahead_and_is_told_in_lengths(monkeypatch):
+    @dataclass(frozen=True)
+    class At:
+        x: np.ndarray
+        e: float
+        index: int
+        events: tuple = ()
+
+    tried = []
+
+    def begin(self, scene, x, e, sign):
+        tried.append((e, self.most))
+        return At(x + np.array([0.03, -0.05, 9.0]), e, 0) if e > 0.37 else Ended(Outcome.NO_START)
+
+    monkeypatch.setattr(StableSteps, "begin", begin)
+    scene = SimpleNamespace(n_free=2, scales=SimpleNamespace(length=0.1))
+    stepper = StableSteps(LoadSteps(1e-8, 0.1))
+    for target, to in ((1.0, 0.4), (0.38, 0.38)):
+        tried.clear()
+        start = At(np.array([1.0, 2.0, 3.0]), 0.3, 7)
+        there = path._slowly(stepper, SimpleNamespace(scene=scene), start, target)
+        assert tried == [(approx(0.35), path.SLIDE), (approx(to), path.SLIDE)]
+        (event,) = there.events
+        # The last number is no displacement.
+        assert (event.kind, event.e, event.size) == ("snap", approx(to), approx(0.5))
+        assert there.index == 8 and event.vector == approx([0.03, -0.05, 9.0])
 
 
 def test_absent_effects_are_absent():

@@ -8,6 +8,7 @@ import pytest
 from folding_units import COARSE, COARSEST, HEAVY, NARROW, P
 
 from solver.cases.unit import path
+from solver.cases.unit.audit import whole
 from solver.cases.unit.choices import Changes, Meshing, Physics, Supports, Watch
 from solver.cases.unit.model import SLIP, _held, build, fewer, foot, images, uneven
 from solver.cases.unit.path import Ending, Folding, State
@@ -278,3 +279,26 @@ def test_what_may_tip_over_is_borne_on_all_sides_but_those_that_it_was_cut_along
         assert borne(start, False) < 0.3 * borne(end, False)
     else:
         assert borne(start, False) == pytest.approx(borne(end, False))
+
+
+def test_a_half_is_made_whole_about_its_cut():
+    nodes = np.array([[1.0, 0, 0], [-1, 0, 0], [0.5, 1, 2]])
+    u, cells, turn = np.zeros((3, 3)), np.array([[0, 1, 2]]), [0, 1]
+    u[:2] = [[0.1, 0.2, 0.3], [-0.1, -0.2, 0.3]]
+    all_nodes, moved, all_cells = whole(nodes, u, cells, [turn])
+    # Under the half-turn about z the two on the cut are each other's images.
+    assert all_nodes.tolist() == [*nodes.tolist(), [-0.5, -1, 2]]
+    assert moved.tolist() == [*u.tolist(), [0, 0, 0]]
+    assert all_cells.tolist() == [[0, 1, 2], [1, 0, 3]]
+    # Forces of both halves add on the cut: there each has its own and the other's, turned.
+    force = np.array([[1.0, 0, 0], [0, 2, 0], [5, 6, 7]])
+    _, summed, _ = whole(nodes, force, cells, [turn], sums=True)
+    assert summed.tolist() == [[1, -2, 0], [-1, 2, 0], [5, 6, 7], [-5, -6, 7]]
+    # A mirror plane: what lies in it is its own image.
+    _, summed, all_cells = whole(nodes, force, cells, [[1]], sums=True)
+    assert summed[:2].tolist() == [[2, 0, 0], [0, 0, 0]] and all_cells.tolist()[1] == [0, 1, 3]
+    with pytest.raises(ValueError, match="the state leaves its symmetry about y = 0"):
+        whole(nodes, u + np.array([0.01, 0, 0]), cells, [turn])
+    other = nodes + np.array([[0, 0, 0], [0.1, 0, 0], [0, 0, 0]])
+    with pytest.raises(ValueError, match="the mesh on the cut is not that of the other side"):
+        whole(other, 0 * u, cells, [turn])
