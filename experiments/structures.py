@@ -53,6 +53,7 @@ class Config:
     parts: tuple[str, ...] = ("examples", "unit", "miura", "many", "nets", "largest")
     units: int = 40
     nets: int = 200
+    net_seconds: float = 4.0  # core-seconds of a net
     side: int = 10  # panels along a side of the large sheet
     timeout: float = 60.0
     large: float = 3.0  # times the pattern's own size
@@ -271,7 +272,7 @@ def random_nets(config: Config):
     for _ in range(config.nets):
         body = random_net(rng)
         start = core_seconds()
-        folding = fold(build(body, deadline=start + config.timeout))
+        folding = fold(build(body, deadline=start + config.net_seconds))
         rows.append(
             {
                 "panels": len(body.pattern.panels),
@@ -329,23 +330,27 @@ def largest(config: Config):
     for passive, active in PAIRS:
         sheet, E, rho = _middle(table, passive, active)
         low, high = 0.005, 2.0
-        seen = []
-        for side in np.geomspace(low, high, 7):
-            seen.append((side, _closes(sheet, E, rho, side, config.timeout)))
-            if seen[-1][1] is False and any(ok for _, ok in seen):
+        seen: dict[float, tuple[bool | None, str]] = {}
+
+        def closes(side, layers=(sheet, E, rho), seen=seen):
+            seen[side] = _closes(*layers, side, config.timeout)
+            return seen[side][0]
+
+        for side in map(float, np.geomspace(low, high, 7)):
+            if closes(side) is False and any(ok for ok, _ in seen.values()):
                 break
-        closed = [side for side, ok in seen if ok]
+        closed = [side for side, (ok, _) in seen.items() if ok]
         row = {"passive": passive, "active": active, "largest_mm": None, "fails_mm": None}
         if closed:
             low = max(closed)
-            high = min([side for side, ok in seen if not ok and side > low], default=None)
+            high = min([side for side in seen if side > low], default=None)
             for _ in range(4 if high else 0):
                 middle = (low * high) ** 0.5
-                if _closes(sheet, E, rho, middle, config.timeout):
-                    low = middle
-                else:
-                    high = middle
+                low, high = (middle, high) if closes(middle) else (low, middle)
             row |= {"largest_mm": 1e3 * low, "fails_mm": None if high is None else 1e3 * high}
+            row["why"] = None if high is None else seen[high][1]
+        else:
+            row["why"] = "; ".join(f"{1e3 * side:.3g} mm: {why}" for side, (_, why) in seen.items())
         rows.append(row)
         print(f"largest: {row}", file=sys.stderr, flush=True)
     return rows, {f"{r['passive']} + {r['active']}": r["largest_mm"] for r in rows}
@@ -361,15 +366,18 @@ def _middle(table: pd.DataFrame, passive: str, active: str) -> tuple[Layer, floa
     return Layer(values[0], values[1], 1e-4), values[2], values[3]
 
 
-def _closes(sheet: Layer, E: float, rho: float, side: float, timeout: float) -> bool | None:
+def _closes(
+    sheet: Layer, E: float, rho: float, side: float, timeout: float
+) -> tuple[bool | None, str]:
+    """Whether a cube's net closes, None where that is unknown, and why."""
     length = side / 6
     contraction = _closing(sheet, E, rho, length)
     if contraction is None:
-        return None
+        return False, "no contraction folds so short a hinge by a right angle"
     layer = Layer(E, rho, 2 * sheet.h, contraction)
     pattern = replace(read_pattern("cube"), hinge={}).pattern(length, size=4 * side)
     result = answer(Structure.of(pattern, sheet, layer), need=np.radians(85), timeout=timeout)
-    return result.foldable
+    return result.foldable, result.reason
 
 
 def _closing(sheet: Layer, E: float, rho: float, length: float) -> float | None:

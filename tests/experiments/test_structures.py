@@ -1,5 +1,7 @@
 """Structures' experiment: agreement with labels, the large sheet, random nets."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pandas as pd
 import pytest
@@ -69,3 +71,57 @@ def test_the_contraction_closes_a_right_angle():
     law = Law.of_section(sheet, Layer(1e7, 1000, 2e-4, c), 5e-3, 5e-3)
     assert law.angle[-1] == approx(np.pi / 2, rel=1e-6)
     assert structures._closing(sheet, 1e3, 1000, 1e-4) is None
+
+
+def test_each_net_has_its_own_core_seconds_and_ends(monkeypatch):
+    seen = []
+
+    def fold(model):
+        seen.append(model)
+        return SimpleNamespace(
+            ending=SimpleNamespace(name=f"end{len(seen) % 2}"), detail="", happenings=[], states=[]
+        )
+
+    ticks = iter(np.arange(0.0, 1000.0, 0.25))
+    monkeypatch.setattr(structures, "core_seconds", lambda: next(ticks))
+    monkeypatch.setattr(structures, "build", lambda body, *, deadline: deadline)
+    monkeypatch.setattr(structures, "fold", fold)
+    rows, told = structures.random_nets(structures.Config(nets=3, net_seconds=2.0))
+    assert seen == [2.0, 2.5, 3.0] and len(rows) == 3
+    assert told["endings"] == {"end1": 2, "end0": 1}
+    assert told["core_seconds_most"] == told["core_seconds_mean"] == 0.25
+
+
+def test_a_net_that_needs_longer_ends_as_timed_out():
+    config = structures.Config(nets=1, net_seconds=0.05, seed=7)
+    rows, told = structures.random_nets(config)
+    assert told["endings"] == {"TIMEOUT": 1} and rows[0]["core_seconds"] < 3
+
+
+def test_the_largest_cube_lies_between_one_that_closes_and_one_that_does_not(monkeypatch):
+    asked = []
+
+    def closes(sheet, E, rho, side, timeout):
+        asked.append(side)
+        if side < 0.01:
+            return False, "too short"
+        return (True, "closes") if side < 0.05 else (None if side < 0.3 else False, "sags")
+
+    monkeypatch.setattr(structures, "_closes", closes)
+    monkeypatch.setattr(structures, "PAIRS", structures.PAIRS[:1])
+    (row,), told = structures.largest(structures.Config())
+    assert row["largest_mm"] < 50 <= row["fails_mm"] < 1.07 * row["largest_mm"]
+    assert row["why"] == "sags" and list(told.values()) == [row["largest_mm"]]
+    monkeypatch.setattr(structures, "_closes", lambda *_: (False, "too heavy"))
+    (row,), told = structures.largest(structures.Config())
+    assert row["largest_mm"] is None and list(told.values()) == [None]
+    assert row["why"].startswith("5 mm: too heavy; ") and row["why"].endswith("2e+03 mm: too heavy")
+    monkeypatch.setattr(structures, "_closes", lambda *_: (True, "closes"))
+    (row,), _ = structures.largest(structures.Config())
+    assert (row["largest_mm"], row["fails_mm"], row["why"]) == (2000.0, None, None)
+
+
+def test_a_hinge_that_no_contraction_folds_closes_no_cube():
+    sheet = structures.Layer(1e9, 1000, 1e-4)
+    closes, why = structures._closes(sheet, 1e3, 1000, 6e-4, 5.0)
+    assert closes is False and "no contraction folds so short a hinge" in why
