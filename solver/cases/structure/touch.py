@@ -117,6 +117,8 @@ class Touch:
     def __init__(self, body, corners, panels, faces, *, gap, energy, about=None):
         import ipctk
 
+        # Its warnings go to the standard output, in which others read answers.
+        ipctk.set_logger_level(ipctk.LoggerLevel.error)
         self.body, self.gap = body, gap
         self._map = sp.csr_array(sp.kron(corners, sp.eye_array(3)))
         self._corners, self._panels = sp.csr_array(corners), panels

@@ -90,3 +90,11 @@ def test_a_unit_closes_until_its_panels_touch():
     assert 3.3 < met.last.angles[0] < 3.5
     assert 0 < met.last.clearance < H
     assert open_.last.clearance is None
+
+
+def test_panels_that_are_too_close_already_are_not_told_on_the_standard_output(model, capfd):
+    u = above(model, np.pi - 0.05, (-0.2, 0.013, 0.0015))
+    into = u.copy()
+    into[4:, 2] -= model.contact.distance(u) + 0.5 * model.contact.gap
+    assert model.contact.longest_step(into, u - into) == 0.0
+    assert capfd.readouterr() == ("", "")
