@@ -23,7 +23,7 @@ def said(wish=None, answer=(), row=(), **proposal):
     one = Proposal(**given)
     given = {"source": "solver", "core_seconds": 3.0} | dict(answer)
     whole = Answer(wish or Wish(), 1, (one,), "as wished", 1.0, **given)
-    known = {"topples": None, "strain": None, "over_materials": None} | dict(row)
+    known = dict.fromkeys(("topples", "strain", "over_materials", "material_cost")) | dict(row)
     result = {"conditions": "gravity, ground", "proposals": [known]}
     (row,), words = told(whole, result)
     return row, words
@@ -44,6 +44,14 @@ def test_a_row_has_sizes_in_millimetres_grams_degrees_and_per_cent():
     row, _ = said(two, mass=None, angle=None)
     assert row["materials"] == "paper + hydrogel" and row["angle, °"] is None
     assert "mass, g" not in row
+
+
+def test_what_the_material_costs_is_told_where_it_has_a_price():
+    assert said(row={"material_cost": (0.104, 0.128)})[1]["1 material cost"] == (
+        "0.104 to 0.128, by your prices per kg"
+    )
+    assert said(row={"material_cost": (2.0, 2.0)})[1]["1 material cost"].startswith("2, by")
+    assert "1 material cost" not in said()[1]
 
 
 def test_strips_are_told_with_their_width_and_the_gaps_between_them():

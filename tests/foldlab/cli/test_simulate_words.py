@@ -137,13 +137,13 @@ def test_each_option_of_a_design_arrives_as_the_wish_takes_it():
     given = design.Limits(
         ranges=["E_ratio = 0.1:10", "l_s=1e-2:2e-2"], passive=["PET"], active=["SMP", "gel"],
         max_mass=1.0, max_length=2.0, max_width=3.0, max_thickness=4.0, margin=0.1, stands=True,
-        strain_margin=0.2, touching=False,
+        strain_margin=0.2, touching=False, least="mass",
     )  # fmt: skip
     assert given.read() == {
         "ranges": {"E_ratio": (0.1, 10.0), "l_s": (0.01, 0.02)}, "passive": ("PET",),
         "active": ("SMP", "gel"), "materials": None, "max_mass": 1.0, "max_length": 2.0,
         "max_width": 3.0, "max_thickness": 4.0, "margin": 0.1, "stands": True,
-        "strain_margin": 0.2, "touching": False,
+        "strain_margin": 0.2, "touching": False, "least": "mass",
     }  # fmt: skip
     assert design.Aim("angle", 1.5, 0.2).read() == Angle(1.5, 0.2)
     assert design.Aim("flat").read() == "flat"

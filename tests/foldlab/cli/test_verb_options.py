@@ -114,7 +114,7 @@ def test_training_gets_its_hold_out_rate_and_settings(foldlab, witness):
     pd.DataFrame({"a": [1.0]}).to_csv("l.csv", index=False)
     (table, name), seen = witness("train l.csv -o m", train, "train_on")
     assert list(table) == ["a"] and name == "network"
-    assert seen == {"seed": 0, "holdout": 0.2, "rate": None, "coverage": None, "options": {}}
+    assert seen == {"seed": 0, "holdout": None, "rate": None, "coverage": None, "options": {}}
     line = "train l.csv -o m --model tree --seed 4 --holdout 0.5 --false-positive-rate 0.1"
     (_, name), seen = witness(f"{line} --coverage 0.9 --set depth=3", train, "train_on")
     assert name == "tree"
