@@ -18,7 +18,13 @@ import numpy as np
 import scipy.sparse as sp
 
 from solver.equilibrium import checks
-from solver.equilibrium.linear import Factor, ScaledFactor, SingularMatrix, make_solver
+from solver.equilibrium.linear import (
+    Factor,
+    ScaledFactor,
+    SingularMatrix,
+    make_solver,
+    mkl_pardiso,
+)
 from solver.given import all_of
 from solver.mesh.body import Body, NodeGraph
 from solver.physics.supports import Fixed, Held, Row, Tied
@@ -64,6 +70,10 @@ class Pattern:
             free.indptr.astype(np.int64), free.indices.astype(np.int64),
         )  # fmt: skip
         return cls(graph, held, indptr, indices, diagonal, index, tail, merged)
+
+    def hold(self, values: np.ndarray, held: np.ndarray, diagonal: float) -> None:
+        """Makes rows and columns of a mask ``held`` (size,) those of a diagonal matrix."""
+        _hold(self.indptr, self.indices, held, diagonal, values)
 
     def gather(self, blocks: np.ndarray) -> np.ndarray:
         """The matrix's entries (entries,) from blocks (blocks, 3, 3) in the common frame."""
@@ -196,6 +206,47 @@ def _product(indptr, indices, values, x, symmetric):
     return out
 
 
+@numba.njit(cache=True)
+def _hold(indptr, indices, held, diagonal, values):
+    for i in range(len(indptr) - 1):
+        for k in range(indptr[i], indptr[i + 1]):
+            j = indices[k]
+            if held[i] or held[j]:
+                values[k] = diagonal if i == j else 0.0
+
+
+@numba.njit(cache=True)
+def _put(values, where, out):
+    for k in range(len(values)):
+        out[where[k]] = values[k]
+
+
+class ByBlocks:
+    """Factors of a symmetric pattern in which all components are free, from its blocks of 3 × 3:
+    they are analysed in a tenth of the time that entries take."""
+
+    def __init__(self, pattern: Pattern):
+        graph = pattern.graph
+        node = np.repeat(np.arange(graph.n), np.diff(graph.indptr))
+        upper = graph.indices >= node
+        starts = np.concatenate([[0], np.cumsum(upper)])[graph.indptr]
+        self._inner = make_solver(starts, graph.indices[upper], symmetric=True, block=3)
+        place, entry = np.divmod(pattern.index, 9)
+        first = 9 * (np.cumsum(upper) - 1)[place]
+        i, j = np.divmod(entry, 3)
+        self._where = (first + 3 * j + i).astype(np.int32)
+        # Of blocks on the diagonal the pattern has the upper triangle.
+        self._above = np.flatnonzero((node == graph.indices)[place] & (i != j))
+        self._below = (first + 3 * i + j)[self._above]
+        self._blocks = np.zeros(9 * int(upper.sum()))
+
+    def factorise(self, values: np.ndarray) -> Factor:
+        """Factorise the matrix with these values on the pattern; shape (entries,)."""
+        _put(values, self._where, self._blocks)
+        self._blocks[self._below] = values[self._above]
+        return self._inner.factorise(self._blocks)
+
+
 class Frame:
     """What scenes on one body share that differ in their terms: supports, pattern and solver.
 
@@ -230,14 +281,18 @@ class Frame:
         graphs = [term.graph for term in terms if term.graph is not None]
         graph = NodeGraph.union(graphs)
         self.pattern = Pattern.of(graph, self.held, self.C, self.symmetric)
-        self.solver = make_solver(
-            self.pattern.indptr,
-            self.pattern.indices,
-            symmetric=self.symmetric,
-            method=linear,
-            bordered=bool(self.rows),
-            modes=_rigid_modes(body, self.held) if linear == "cg" else None,
-        )
+        direct = linear == "pardiso" or (linear == "auto" and mkl_pardiso() is not None)
+        if direct and self.symmetric and not self.rows and self.held.free.all():
+            self.solver = ByBlocks(self.pattern)
+        else:
+            self.solver = make_solver(
+                self.pattern.indptr,
+                self.pattern.indices,
+                symmetric=self.symmetric,
+                method=linear,
+                bordered=bool(self.rows),
+                modes=_rigid_modes(body, self.held) if linear == "cg" else None,
+            )
         self._places: dict[int, tuple[NodeGraph, np.ndarray]] = {}
         self._row_scale: np.ndarray | None = None
         self._entry_scale: np.ndarray | None = None

@@ -103,11 +103,9 @@ class System:
     def holding(self, held: np.ndarray) -> System:
         """The same state with more unknowns held, those of a mask ``held`` (size,): their rows are
         those of a diagonal matrix. They leave no unstable mode, and nothing is analysed again."""
-        p = self._scene.frame.pattern
         values = self.values.copy()
-        values[np.repeat(held, np.diff(p.indptr)) | held[p.indices]] = 0.0
-        at = self._scene.diagonal
-        values[at[held[: self._scene.n_free]]] = np.median(np.abs(self.values[at]))
+        typical = float(np.median(np.abs(self.values[self._scene.diagonal])))
+        self._scene.frame.pattern.hold(values, held, typical)
         return System(self._scene, np.where(held, 0.0, self.residual), values, self.energy)
 
     def shifted(self, shift: float) -> System:

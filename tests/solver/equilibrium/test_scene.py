@@ -6,6 +6,7 @@ import scipy.sparse as sp
 import skfem
 
 from solver.equilibrium.linear import SingularMatrix, make_solver, mkl_pardiso
+from solver.equilibrium.pattern import ByBlocks
 from solver.equilibrium.scene import Scales, Scene
 from solver.mesh.body import Body, NodeGraph
 from solver.physics.supports import Fixed, Tied, rotation_row, translation_row
@@ -189,6 +190,24 @@ def test_unknowns_held_afterwards_are_as_if_they_had_no_rows(body, name, rng):
     if scene.symmetric:
         modes = (np.linalg.eigvalsh(rest) < 0).sum() - scene.n_rows
         assert own.unstable == modes
+
+
+@pytest.mark.parametrize("linear", DIRECT)
+def test_a_scene_that_holds_nothing_is_factorised_by_blocks(body, rng, linear):
+    scene = Scene(body, [Springs(body)], scales=SCALES, linear=linear)
+    squeezed = -0.6 * (body.nodes - body.nodes.mean(axis=0))
+    system = scene.system(scene.unknowns(squeezed) + 0.02 * rng.normal(size=scene.size), 0.0)
+    assert isinstance(scene.solver, ByBlocks) == (linear == "pardiso")
+    A, b = matrix(scene, system), rng.normal(size=(scene.size, 2))
+    # One component of a node that is held with the others free, and all three of one.
+    for few in ([0, 1, 5, 9, 10, 20], [3, 4, 5, 22, 31, 47], []):
+        kept = np.setdiff1d(np.arange(scene.size), few)
+        own = system.shifted(-0.3).holding(np.isin(np.arange(scene.size), few))
+        rest = A[np.ix_(kept, kept)] - 0.3 * np.eye(len(kept))
+        assert own.unstable in ((np.linalg.eigvalsh(rest) < 0).sum(), None)
+        assert own.unstable is not None or linear == "superlu"
+        solution = own.factorise().solve(b)[kept]
+        np.testing.assert_allclose(solution, np.linalg.solve(rest, b[kept]), rtol=1e-7)
 
 
 def test_superlu_counts_where_it_did_not_exchange_rows(body):
