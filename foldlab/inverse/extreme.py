@@ -26,6 +26,9 @@ from foldlab.materials import read_materials
 STEP = 1e-3  # decades: of differences, far above what the rod's own tolerance leaves
 TRUST, FINEST = 0.1, 2e-3  # decades that a step may take at first, and at least
 STEPS = 60
+# A search that stalls on the bent edge of what the rod may do goes on when it starts afresh: at
+# most so often, as long as that brings so many decades.
+ROUNDS, WORTH = 4, 2e-3
 # Most rad per decade of Γ by which an angle may hang on the weight, 0.07 rad per per cent of it;
 # and decades of that difference. Where weight is about to win, the angle hangs on it without
 # bounds, and nobody can make that unit.
@@ -53,6 +56,18 @@ def least(
     A label keeps ``room`` rad to spare by the rod, an angle is kept. ``holds``: what else must be
     true; of the way back to the draft the first point is taken where it is.
     """
+    value = float(cost(draft.x[None])[0])
+    for _ in range(ROUNDS):
+        there = _lesser(draft, rungs, cost, holds, room)
+        before, value = value, float(cost(there.x[None])[0])
+        draft = there
+        if before - value < WORTH:
+            break
+    return draft
+
+
+def _lesser(draft: Draft, rungs: Rungs, cost, holds, room: float) -> Draft:
+    """The end of one search of :func:`least`."""
     region, x0 = draft.region, draft.x
     basis, (A, b) = region.free
     angle = isinstance(rungs.wish.want, Angle)
