@@ -4,6 +4,7 @@ A page's blocks run in their order in one folder; a block of Python with a title
 """
 
 import os
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -47,11 +48,22 @@ def test_the_blocks_of_a_page_run(page, tmp_path, monkeypatch, capsys):
         elif language == "python":
             exec(compile(text, f"{page}.md", "exec"), {"__name__": "__main__"})
         elif language == "sh":
-            for line in text.splitlines():
+            for line in text.replace("\\\n", " ").splitlines():
                 written.run_command(line, monkeypatch, capsys)
         else:
             pytest.fail(f"{page}.md has a block of {language or 'no language'}, which nothing runs")
     sys.modules.pop("mine", None)
+
+
+def test_every_correction_of_the_theory_names_tests_that_there_are():
+    points = re.split(r"^- \*\*", PAGES["theory"], flags=re.MULTILINE)[1:]
+    assert len(points) >= 20
+    for point in points:
+        named = re.findall(r"`(tests/[\w/]+\.py)::(\w+)`", point)
+        assert "Held by" in point and named, point
+        for path, name in named:
+            code = (ROOT / path).read_text(encoding="utf-8")
+            assert f"\ndef {name}(" in code, f"{path} has no {name}"
 
 
 def test_the_cells_of_the_input_deck_are_the_right_way_out_and_fill_the_unit():
