@@ -10,11 +10,12 @@ import sys
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 import pytest
 import written
 import yaml
 
-from foldlab import FULL
+from foldlab import FULL, LabelStore
 
 ROOT = Path(__file__).parent.parent
 PAGES = {path.stem: path.read_text(encoding="utf-8") for path in (ROOT / "docs").glob("*.md")}
@@ -45,6 +46,10 @@ def test_the_blocks_of_a_page_run(page, tmp_path, monkeypatch, capsys):
     for language, title, text in written.blocks(PAGES[page]):
         if title:
             (tmp_path / title).write_text(text, encoding="utf-8")
+            if title.endswith(".sh"):
+                subprocess.run(["bash", "-n", title], check=True)
+            elif title.endswith(".py"):
+                compile(text, title, "exec")
         elif language == "python":
             exec(compile(text, f"{page}.md", "exec"), {"__name__": "__main__"})
         elif language == "sh":
@@ -53,6 +58,34 @@ def test_the_blocks_of_a_page_run(page, tmp_path, monkeypatch, capsys):
         else:
             pytest.fail(f"{page}.md has a block of {language or 'no language'}, which nothing runs")
     sys.modules.pop("mine", None)
+
+
+@pytest.mark.parametrize(
+    ("script", "source", "made"),
+    [("job.sh", "ladder", "labels.db"), ("array.sh", "rod", "piece-7.parquet")],
+)
+def test_jobs_of_a_cluster_run(script, source, made, tmp_path):
+    """With an srun that starts what it is given, on one core."""
+    (text,) = (text for _, title, text in written.blocks(PAGES["cluster"]) if title == script)
+    assert "--source solver" in text
+    for old, new in (("solver", source), ("-n 1000", "-n 3"), ("designs.parquet", "designs.csv")):
+        text = text.replace(old, new)
+    (tmp_path / script).write_text(text)
+    FULL.sample(3, seed=0).to_csv(tmp_path / "designs.csv", index=False)
+    (tmp_path / "srun").write_text('#!/bin/bash\nexec "$@"\n')
+    (tmp_path / "srun").chmod(0o755)
+    slurm = {"SLURM_JOB_ID": str(os.getpid()), "SLURM_CPUS_PER_TASK": "1"}
+    path = [str(tmp_path), str(Path(sys.executable).parent), os.environ["PATH"]]
+    done = subprocess.run(
+        ["bash", script], cwd=tmp_path, capture_output=True, text=True, timeout=200,
+        env=os.environ | slurm | {"SLURM_ARRAY_TASK_ID": "7", "PATH": ":".join(path)},
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    if script == "job.sh":
+        with LabelStore(tmp_path / made, mode="read") as store:
+            assert len(store.frame()) == 3
+    else:
+        assert len(pd.read_parquet(tmp_path / made)) == 3
 
 
 def test_every_correction_of_the_theory_names_tests_that_there_are():
