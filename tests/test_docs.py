@@ -1,6 +1,6 @@
 """The pages of docs/ build without a warning, and every block of commands or Python in them runs.
 
-A page's blocks run in their order in one folder; a block of Python with a title is a file there.
+A page's blocks run in their order, in one folder and one session of Python; a block of Python with a title is a file there.
 """
 
 import os
@@ -15,9 +15,12 @@ import pytest
 import written
 import yaml
 
-from foldlab import FULL, LabelStore
+import foldlab
+from foldlab import FULL, LabelStore, load_dataset
+from foldlab.datasets import card
 
 ROOT = Path(__file__).parent.parent
+README = (ROOT / "README.md").read_text(encoding="utf-8")
 PAGES = {path.stem: path.read_text(encoding="utf-8") for path in (ROOT / "docs").glob("*.md")}
 
 
@@ -43,6 +46,7 @@ def test_every_page_stands_in_the_navigation():
 def test_the_blocks_of_a_page_run(page, tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     monkeypatch.syspath_prepend(str(tmp_path))
+    names = {"__name__": "__main__"}
     for language, title, text in written.blocks(PAGES[page]):
         if title:
             (tmp_path / title).write_text(text, encoding="utf-8")
@@ -51,7 +55,7 @@ def test_the_blocks_of_a_page_run(page, tmp_path, monkeypatch, capsys):
             elif title.endswith(".py"):
                 compile(text, title, "exec")
         elif language == "python":
-            exec(compile(text, f"{page}.md", "exec"), {"__name__": "__main__"})
+            exec(compile(text, f"{page}.md", "exec"), names)
         elif language == "sh":
             for line in text.replace("\\\n", " ").splitlines():
                 written.run_command(line, monkeypatch, capsys)
@@ -97,6 +101,29 @@ def test_every_correction_of_the_theory_names_tests_that_there_are():
         for path, name in named:
             code = (ROOT / path).read_text(encoding="utf-8")
             assert f"\ndef {name}(" in code, f"{path} has no {name}"
+
+
+def test_figures_of_the_dataset_are_counted_from_it():
+    table = load_dataset("gravity")
+    growth = table["growth"].value_counts()
+    page = " ".join(PAGES["dataset"].split())
+    spent, unknown = table["core_seconds"].sum(), int(table["foldable"].isna().sum())
+    for told in (
+        f"{len(table):_} labels of self-folding units", f"{growth['uniaxial']:_} whose layer",
+        f"{growth['isotropic']} whose layer", f"{spent:_.0f} core-seconds", f"{unknown} labels are",
+    ):  # fmt: skip
+        assert told.replace("_", " ") in page
+    cited = re.search(r"Cite: (.*)\.", card("gravity")).group(1)
+    assert cited in page and cited in " ".join(PAGES["cite"].split())
+    assert f"holds {len(table):_} labels".replace("_", " ") in README
+
+
+def test_it_is_cited_by_the_version_that_there_is():
+    cited = yaml.safe_load((ROOT / "CITATION.cff").read_text(encoding="utf-8"))
+    assert cited["version"] == foldlab.__version__ and cited["license"] == "MIT"
+    (entry,) = (text for _, title, text in written.blocks(PAGES["cite"]) if title)
+    for told in (cited["title"], cited["version"], cited["license"], cited["authors"][0]["name"]):
+        assert f"{{{told}}}" in entry
 
 
 def test_the_cells_of_the_input_deck_are_the_right_way_out_and_fill_the_unit():
