@@ -1,6 +1,7 @@
 """The pages of docs/ build without a warning, and every block of commands or Python in them runs.
 
-A page's blocks run in their order, in one folder and one session of Python; a block of Python with a title is a file there.
+A page's blocks run in their order, in one folder and one session of Python; a block with a title is
+a file there.
 """
 
 import os
