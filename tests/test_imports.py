@@ -56,6 +56,7 @@ MAY = {
     "foldlab.campaign": {"foldlab.labels"},
     "foldlab.learning": {"foldlab.labels", "foldlab.learning.symbolic", "foldlab.plots"},
     "foldlab.learning.symbolic": {"foldlab.labels"},
+    "foldlab.predicted": {"foldlab.datasets", "foldlab.learning"},
     "foldlab.maps": {"foldlab.labels", "foldlab.learning", "foldlab.plots"},
     "foldlab.inverse": {"foldlab.labels", "foldlab.learning"},
     "foldlab.unit": {"foldlab.labels", "foldlab.plots", "foldlab.terminal"},
@@ -64,10 +65,15 @@ MAY = {
         "solver.equilibrium",
     },
     "foldlab.making": {"foldlab.labels", "foldlab.plots", "foldlab.terminal", "foldlab.unit"},
+    "foldlab.explore": {
+        "foldlab.inverse", "foldlab.labels", "foldlab.learning", "foldlab.making",
+        "foldlab.predicted", "foldlab.terminal", "foldlab.unit",
+    },
     "foldlab.cli": {
         "foldlab.campaign", "foldlab.datasets", "foldlab.inverse", "foldlab.labels",
         "foldlab.learning", "foldlab.making", "foldlab.maps", "foldlab.plots",
-        "foldlab.structure", "foldlab.terminal", "foldlab.tracking", "foldlab.unit",
+        "foldlab.predicted", "foldlab.structure", "foldlab.terminal", "foldlab.tracking",
+        "foldlab.unit",
     },
 }  # fmt: skip
 # Within foldlab.labels only what a solver label is made of sees the solver, and what folds a

@@ -25,6 +25,7 @@ SMALLER = {
     "foldlab augment -o a": "foldlab augment -o a --set cycles=1 --set epochs=50 --set initial=60",
     "foldlab tune l.parquet": "foldlab tune l.parquet --trials 2 --set epochs=[20,40]",
     "foldlab check": "foldlab check --no-pictures --accuracy 0.2",
+    "foldlab explore": "foldlab explore --no-browser --seconds 1",
     "foldlab simulate": "foldlab simulate --no-pictures --accuracy 0.2",
     "-o w.png --verify 40": "-o w.png --verify 1 --points 500",
     "sample(6000": "sample(300",

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import sys
 import warnings
+from collections.abc import Callable
 from importlib import import_module
 from typing import Annotated
 
@@ -18,8 +19,9 @@ import foldlab
 from foldlab.errors import InputError
 from foldlab.terminal import NotReached, note, with_records
 
-# Where each verb is (module of foldlab.cli and function), and the first sentence of its help:
-# told before it is imported, so that --help answers at once and a verb loads only its own.
+# Where each verb is (module of foldlab.cli, or another one by its whole name), and the first
+# sentence of its help: told before it is imported, so that --help answers at once and a verb loads
+# only its own.
 VERBS = {
     "check": (
         "check",
@@ -58,6 +60,10 @@ VERBS = {
         "Search the network's architecture and loss bias: accuracy against training seconds.",
     ),
     "design": ("design", "Propose designs for a wish"),
+    "explore": (
+        "foldlab.explore.verb",
+        "Set a unit by hand on a page of this machine: verdict at once, map, shapes, files.",
+    ),
     "materials": (
         "check",
         "List the materials with the ranges of their properties, and what those rest on.",
@@ -69,9 +75,11 @@ VERBS = {
 }
 
 
-def function_of(verb: str) -> str:
-    """Name of a verb's function in its module; ``map`` is Python's own."""
-    return "map_" if verb == "map" else verb
+def function_of(verb: str) -> Callable:
+    """A verb's function, whose module this imports; ``map`` is Python's own."""
+    module, _ = VERBS[verb]
+    home = import_module(module if "." in module else f"foldlab.cli.{module}")
+    return getattr(home, "map_" if verb == "map" else verb)
 
 
 class Verbs(TyperGroup):
@@ -85,10 +93,9 @@ class Verbs(TyperGroup):
     def get_command(self, ctx, cmd_name: str):
         if cmd_name not in VERBS:
             return None
-        module, sentence = VERBS[cmd_name]
         if self._listing:
-            return TyperCommand(cmd_name, help=sentence)
-        verb = getattr(import_module(f"foldlab.cli.{module}"), function_of(cmd_name))
+            return TyperCommand(cmd_name, help=VERBS[cmd_name][1])
+        verb = function_of(cmd_name)
         alone = typer.Typer(add_completion=False, pretty_exceptions_enable=False)
         alone.command(cmd_name)(with_records(verb))
         return typer.main.get_command(alone)

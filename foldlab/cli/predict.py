@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 import typer
 
 from foldlab.cli.outputs import check_file
-from foldlab.design import space_named, space_of
+from foldlab.design import space_of
 from foldlab.errors import InputError
 from foldlab.tables import SUFFIXES, read_table, write_table
 from foldlab.terminal import Json, Workers, emit, note
@@ -19,9 +19,6 @@ if TYPE_CHECKING:
     import pandas as pd
 
     from foldlab.design import DesignSpace
-
-
-MANY, ROD = 20_000, 6e-4  # designs from which on seconds are told, and seconds of a rod
 
 
 def predict(
@@ -44,22 +41,25 @@ def predict(
     as_json: Json = False,
 ) -> None:
     """Predict folding: probability, verdict or don't know, angle, nearest label, trained or not."""
-    from foldlab.learning.saving import load_model, shipped_for
+    from foldlab.learning.saving import shipped_for
+    from foldlab.predicted import Predictor
 
     check_file(out, SUFFIXES)
     table = read_table(designs)
     space = space_of(table)
-    fitted, card = load_model(model if model is not None else shipped_for(space.name))
+    known = None if labels is None else read_table(labels)
+    said = Predictor.of(model if model is not None else shipped_for(space.name), known)
+    card = said.card
     if card["space"] != space.name:
         raise InputError(
             f"the model is of the space {card['space']}, and the designs are of {space.name}"
         )
     groups, start = space.validate(table, bounds=False), time.perf_counter()
-    result = groups.assign(**_answers(fitted, card, groups))
-    told, off = _angles(space, groups)
+    result = groups.assign(**said.answers(groups))
+    told, off = said.angles(groups, tell=note)
     if told is not None:
         result["fold_angle"] = told
-    result = result.join(_nearest(card, labels, groups))
+    result = result.join(said.nearest(groups))
     open_ = result["foldable"].isna().to_numpy()
     asked = 0
     if defer is not None and open_.any():
@@ -74,72 +74,6 @@ def predict(
             "file": out,
         },
         as_json,
-    )
-
-
-def _answers(fitted, card: dict[str, Any], groups: pd.DataFrame) -> dict[str, Any]:
-    """Probability, verdict (NA: don't know), who gave it, and whether it lies where it learned."""
-    from foldlab.learning.conformal import Borders
-    from foldlab.learning.features import as_labels, probability_of_folding
-
-    p = probability_of_folding(fitted, groups)
-    made = card["metadata"]
-    if made.get("borders"):
-        foldable: Any = Borders(**made["borders"]).answers(p)
-    else:
-        import pandas as pd
-
-        foldable = pd.array(as_labels(fitted.predict(groups)), dtype="boolean")
-    answers = {"probability": p, "foldable": foldable, "by": "model"}
-    if bounds := made.get("bounds"):
-        inside = [groups[name].between(*ends) for name, ends in bounds.items()]
-        answers["inside"] = sum(~part for part in inside) == 0
-    return answers
-
-
-def _angles(space: DesignSpace, groups: pd.DataFrame) -> tuple[np.ndarray | None, float | None]:
-    """Fold angles in rad from the shipped model for this space, and what nine of ten labels of its
-    card are off by at most, over the angle or what counts as folded; None without such a model."""
-    from foldlab.learning.saving import load_model, shipped_for
-
-    try:
-        name = shipped_for(space.name, task="angle")
-    except InputError:
-        return None, None
-    model, card = load_model(name)
-    if card["metadata"]["inputs"] == "rod" and len(groups) > MANY:
-        note(f"fold angles take a rod each: about {len(groups) * ROD:.0f} s")
-    return model.predict(groups), card["metadata"].get("holdout_error_90")
-
-
-def _nearest(card: dict[str, Any], path: Path | None, groups: pd.DataFrame) -> pd.DataFrame:
-    """The nearest labelled design: its row, its verdict, and how far off it is, as a root mean
-    square over the groups of the fraction of their bounds."""
-    import numpy as np
-    import pandas as pd
-    from scipy.spatial import cKDTree
-
-    from foldlab.datasets import load_dataset
-    from foldlab.learning.train import known_labels
-
-    if path is not None:
-        table = read_table(path)
-    elif "dataset" in card["metadata"]:
-        made = card["metadata"]
-        table = load_dataset(made["dataset"], growth=made["growth"], space=card["space"])
-    else:
-        return pd.DataFrame(index=groups.index)
-    space = space_named(card["space"])
-    known, _ = known_labels(table, space)
-    units = (space.to_unit(frame[space.names]) for frame in (known, groups))
-    off, near = cKDTree(next(units)).query(next(units))
-    return pd.DataFrame(
-        {
-            "nearest": known.index.to_numpy()[near],
-            "nearest_foldable": known["foldable"].to_numpy()[near],
-            "nearest_distance": off / np.sqrt(len(space)),
-        },
-        index=groups.index,
     )
 
 

@@ -114,14 +114,14 @@ def test_where_the_model_does_not_know_the_solver_is_asked_and_nowhere_else(
 def test_angles_come_with_what_nine_of_ten_are_off_by_and_many_are_announced(
     foldlab, designs, monkeypatch
 ):
-    from foldlab.cli import predict
+    from foldlab import predicted
 
-    monkeypatch.setattr(predict, "MANY", 299)
+    monkeypatch.setattr(predicted, "MANY", 299)
     status, out, err = foldlab("predict d.csv -o p.csv --json")
     told, card = json.loads(out), load_model("gravity-angle")[1]["metadata"]
     assert status == 0 and told["fold_angle_error_90"] == card["holdout_error_90"] > 0
     assert told["seconds"] > 0 and "fold angles take a rod each: about 0 s" in err
-    monkeypatch.setattr(predict, "MANY", 300)
+    monkeypatch.setattr(predicted, "MANY", 300)
     assert "a rod each" not in foldlab("predict d.csv -o p.csv --json")[2]
 
 

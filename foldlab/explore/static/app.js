@@ -1,0 +1,112 @@
+// The page's state, and who is asked when it changes.
+import { Controls } from "./controls.js";
+import { RegimeMap } from "./map.js";
+
+const token = location.hash.slice(1);
+const byId = (id) => document.getElementById(id);
+
+export async function ask(path, body = {}) {
+  let answer;
+  try {
+    answer = await fetch(path, {
+      method: "POST",
+      headers: { "Content-Type": "application/json", "X-Foldlab-Token": token },
+      body: JSON.stringify(body),
+    });
+  } catch {
+    throw new Error("foldlab explore is not running any more: start it again");
+  }
+  const told = await answer.json();
+  if (!answer.ok) throw new Error(told.error);
+  return told;
+}
+
+// Runs one question at a time; of those asked meanwhile the last.
+function latest(run) {
+  let busy = false, again = false;
+  return async function go() {
+    if (busy) { again = true; return; }
+    busy = true;
+    do { again = false; await run(); } while (again);
+    busy = false;
+  };
+}
+
+export const degrees = (rad, digits = 3) => `${Number(((rad * 180) / Math.PI).toPrecision(digits))}°`;
+
+function trouble(text) {
+  byId("trouble").hidden = !text;
+  byId("trouble").textContent = text || "";
+  byId("verdict").classList.toggle("stale", Boolean(text));
+}
+
+const WORDS = {
+  true: ["folds", "✓", "Folds"], false: ["stays", "✗", "Does not fold"], null: ["unsure", "?", "Don’t know"],
+};
+let saying = 0;
+
+function show(a) {
+  const [kind, sign, word] = WORDS[a.foldable];
+  const box = byId("verdict");
+  box.className = kind;
+  box.querySelector(".sign").textContent = sign;
+  box.querySelector("strong").textContent = word;
+  box.querySelector(".bar i").style.width = `${100 * a.probability}%`;
+  const early = a.probability === null;
+  const off = a.fold_angle_error ? ` ± ${degrees(a.fold_angle_error, 2)}` : "";
+  const angle = a.fold_angle === null ? "no angle" : `angle ${degrees(a.fold_angle)}${off}`;
+  const chance = early ? "by a rod, while the models are being loaded" : `chance of folding ${(100 * a.probability).toFixed(1)} %`;
+  const numbers = `${chance}, ${angle}; ${degrees(a.need)} count as folded`;
+  box.querySelector(".numbers").textContent = numbers;
+  box.querySelector(".why").textContent = a.rod ? `A rod says: ${a.rod.reason}.` : "A rod does not know such units.";
+  const care = [];
+  if (early) { box.querySelector(".care").textContent = ""; return; }
+  if (a.foldable === null) care.push("Too near the boundary for an answer that is right as often as stated: solve it.");
+  if (a.outside.length) care.push(`Outside of what the models learned (${a.outside.join(", ")}): they guess.`);
+  if (a.nearest_foldable !== null)
+    care.push(`Nearest label ${a.nearest_foldable ? "folds" : "does not fold"}, ${(100 * a.nearest_distance).toFixed(1)} % of the bounds away.`);
+  if (a.coverage !== null)
+    care.push(`Of fresh designs of either kind at least ${100 * a.coverage} % are not told the other.`);
+  box.querySelector(".care").textContent = care.join(" ");
+  clearTimeout(saying);
+  saying = setTimeout(() => { byId("live").textContent = `${word}: ${numbers}`; }, 400);
+}
+
+export const page = { answer: null, listeners: [] };
+
+async function start() {
+  const facts = await ask("/api/facts");
+  const controls = new Controls(facts, () => { refresh(); });
+  const map = new RegimeMap(byId("map"), controls);
+  page.controls = controls;
+
+  const redraw = latest(async () => {
+    const design = controls.design();
+    const key = map.key(design);
+    if (key === map.drawn) { map.point(); return; }
+    try {
+      map.draw(await ask("/api/map", { design, x: map.x, y: map.y }), key);
+    } catch (error) { map.clear(error.message); }
+  });
+  const answer = latest(async () => {
+    const asked = controls.design();
+    try {
+      const told = await ask("/api/answer", asked);
+      page.answer = told;
+      page.design = asked;
+      trouble("");
+      controls.told(told);
+      show(told);
+      page.listeners.forEach((heard) => heard(told));
+      if (told.probability === null) { setTimeout(answer, 250); return; }
+      byId("verdict").dataset.by = "models";
+    } catch (error) { trouble(error.message); return; }
+    redraw();
+  });
+  function refresh() { map.point(); answer(); }
+  map.changed = redraw;
+  refresh();
+  document.documentElement.dataset.ready = "yes";
+}
+
+start().catch((error) => trouble(error.message));
