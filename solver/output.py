@@ -64,6 +64,8 @@ def cell_fields(
             volume = volume[ids] if len(volume) > 1 else volume
             Fe = Fe @ inverse
             growth[ids] = np.linalg.inv(inverse)
+        elif hasattr(term, "grown"):
+            growth[ids] = term.grown(u, e)[ids]
         table = term.material.properties(e, shape, body.points)
         table = table[ids] if len(table) > 1 else table
         psi, P = np.empty((len(ids), q)), np.empty((len(ids), q, 3, 3))

@@ -75,7 +75,8 @@ class Elastic:
         self.body, self.material, self.growth = body, material, growth
         self.graph = body.graph
         self._ids = np.arange(m) if cells is None else np.flatnonzero(cells)
-        self._small = q * body.cells.shape[1] <= SMALL
+        small = q * body.cells.shape[1] <= SMALL
+        self._add_stiffness = add_stiffness_small if small else add_stiffness_large
         self._memo = None
         self._at(0.0)
         self.locking = ()
@@ -131,7 +132,6 @@ class Elastic:
         body, J = self.body, self._at(e)[2]
         force = np.zeros_like(body.nodes) if order >= 1 else None
         blocks = np.zeros((self.graph.blocks, 3, 3)) if order >= 2 else None
-        add_stiffness = add_stiffness_small if self._small else add_stiffness_large
         energy = 0.0
         for chunk in self._chunks(u, e, order):
             if chunk is None:
@@ -141,7 +141,7 @@ class Elastic:
             if order >= 1:
                 add_force(ids, body.cells, body.weights, J, G, P, force)
             if order >= 2:
-                add_stiffness(ids, body.positions, body.weights, J, G, A, blocks)
+                self._add_stiffness(ids, body.positions, body.weights, J, G, A, blocks)
         if not np.isfinite(energy):
             return Evaluation(np.inf)
         return Evaluation(energy, force, blocks, own=True)

@@ -163,6 +163,35 @@ def add_stiffness_large(ids, positions, weights, volume, G, A, blocks):
 
 
 @numba.njit(cache=True)
+def add_stiffness_unsymmetric(ids, positions, weights, volume, G, A, blocks):
+    """The same of a tangent A without major symmetry: all nine pairs i, k."""
+    q_n, k = G.shape[1], G.shape[3]
+    grown, per_cell, per_point = len(volume) > 0, len(volume) > 1, volume.shape[1] > 1
+    M, K = np.empty((3 * q_n, k)), np.empty((k, k))
+    for c in range(len(ids)):
+        e = ids[c]
+        Gt = G[c].reshape(3 * q_n, k).T
+        for i in range(3):
+            for m in range(3):
+                for q in range(q_n):
+                    w = weights[e, q]
+                    if grown:
+                        w *= volume[e if per_cell else 0, q if per_point else 0]
+                    g = G[c, q]
+                    for j in range(3):
+                        x = w * A[c, q, i, j, m, 0]
+                        y = w * A[c, q, i, j, m, 1]
+                        z = w * A[c, q, i, j, m, 2]
+                        row = M[3 * q + j]
+                        for b in range(k):
+                            row[b] = x * g[0, b] + y * g[1, b] + z * g[2, b]
+                np.dot(Gt, M, K)
+                for a in range(k):
+                    for b in range(k):
+                        blocks[positions[e, a, b]][i, m] += K[a, b]
+
+
+@numba.njit(cache=True)
 def _stress(F, P, S):
     """S = Fe⁻¹ P into S (3, 3)."""
     c00 = F[1, 1] * F[2, 2] - F[1, 2] * F[2, 1]

@@ -24,6 +24,9 @@ from solver.equilibrium.scene import Scene
 from solver.given import number, one_of, positive, whole
 from solver.viscous.term import Memory, Past, over_step, viscous
 
+# Names of a memory's arrays in a file, in the order in which it gives them.
+KEPT = tuple(field.name for field in fields(Memory))
+
 
 class Unresolved(UserWarning):
     """A fixed step too long for what relaxes or grows (§5.4.3); the message has one that is not."""
@@ -108,7 +111,8 @@ class State:
         for k, level in enumerate((self.level, *self.past)):
             arrays[f"x{k}"], arrays[f"t{k}"] = level.x, np.array(level.t)
             for j, memory in enumerate(level.memories):
-                arrays[f"strains{k}_{j}"], arrays[f"joints{k}_{j}"] = memory.strains, memory.joints
+                names = [f"{name}{k}_{j}" for name in KEPT]
+                arrays.update(zip(names, memory.arrays, strict=False))
         rest = {f.name: getattr(self, f.name) for f in fields(self)[2:]}
         draft = path.with_name(f".{path.name}.part.npz")
         np.savez_compressed(draft, facts=np.array(json.dumps(rest)), **arrays)
@@ -124,8 +128,9 @@ class State:
                 while f"t{len(levels)}" in file:
                     k = len(levels)
                     n = sum(name.startswith(f"strains{k}_") for name in file.files)
+                    names = [[f"{name}{k}_{j}" for name in KEPT] for j in range(n)]
                     memories = tuple(
-                        Memory(file[f"strains{k}_{j}"], file[f"joints{k}_{j}"]) for j in range(n)
+                        Memory(*(file[name] for name in row if name in file)) for row in names
                     )
                     levels.append(Level(float(file[f"t{k}"]), file[f"x{k}"], memories))
         except (KeyError, ValueError, EOFError) as error:
@@ -168,7 +173,7 @@ class History:
 
 def start(scene: Scene, t: float = 0.0, e: float = 0.0) -> State:
     """The undeformed state at rest."""
-    memories = tuple(Memory.rest(v.body, v.rheology) for v in viscous(scene))
+    memories = tuple(v.rest() for v in viscous(scene))
     return State(Level(t, np.zeros(scene.size), memories), e=e)
 
 
@@ -248,7 +253,7 @@ def warn_unresolved(terms, dt: float, load, t: float, until: float) -> None:
     e = load(t)
     for term in terms:
         shape, points = term.body.weights.shape, term.body.points
-        tau = term.rheology.shortest_time(e, shape, points)
+        tau = term.shortest_time(e)
         if dt > 0.1 * tau * (1 + 1e-9):
             warnings.warn(
                 f"dt = {dt:.3g} does not resolve the shortest relaxation time of term "
@@ -419,7 +424,8 @@ def _guesses(state: State, t: float) -> list[np.ndarray]:
 
 
 def _error(level: Level, past: tuple[Level, ...], order: int) -> float:
-    """Estimated error of a step as a strain ½ ΔC of the dashpots, from divided differences.
+    """Estimated error of a step as a strain ½ ΔC of the dashpots, and as a log stretch of growth
+    that answers to stress, from divided differences.
 
     Backward Euler: ½ dt² C″. BDF2: dt³ (1 + r)²/(6 r (1 + 2r)) C‴, r the ratio of the steps; where
     the past is too short for C‴, backward Euler's. 0 where it is too short for that.
@@ -437,7 +443,10 @@ def _error(level: Level, past: tuple[Level, ...], order: int) -> float:
         r = dt / (levels[1].t - levels[2].t)
         factor = dt**3 * (1 + r) ** 2 / (r * (1 + 2 * r))
     most = 0.0
-    for j in range(len(level.memories)):
+    for j, memory in enumerate(level.memories):
         strains = sum(w * a.memories[j].strains for w, a in zip(weights, levels, strict=True))
         most = max(most, float(np.abs(strains).max(initial=0.0)))
+        if memory.growth is not None:
+            growth = sum(w * a.memories[j].growth for w, a in zip(weights, levels, strict=True))
+            most = max(most, 2 * float(np.abs(growth).max(initial=0.0)))
     return factor * most / 2

@@ -33,11 +33,19 @@ class Memory:
 
     ``strains`` (m, q, dashpots, 6), in the order of ``Rheology.leaves``; ``joints`` (m, q, joints,
     6): stretches U of series, from which the next step's own iteration starts (a Maxwell branch
-    has none: its C_v is among the strains).
+    has none: its C_v is among the strains). ``growth`` (m, q, modes): log stretches of growth, of
+    a :class:`solver.viscous.feedback.Growing` body alone.
     """
 
     strains: np.ndarray
     joints: np.ndarray
+    growth: np.ndarray | None = None
+
+    @property
+    def arrays(self) -> tuple[np.ndarray, ...]:
+        """What it holds, in the order of its fields."""
+        plain = (self.strains, self.joints)
+        return plain if self.growth is None else (*plain, self.growth)
 
     @classmethod
     def rest(cls, body: Body, rheology: Rheology) -> Memory:
@@ -238,17 +246,32 @@ class Viscous(Elastic):
         """Raises ValueError for a memory of another body or rheology, times that are not positive,
         and what :class:`Elastic` refuses."""
         one_of("rheology", Rheology, rheology, "Maxwell(E, nu, eta)")
-        rest = Memory.rest(body, rheology)
+        rest = self._rest(body, rheology)
+        need = [a.shape for a in rest.arrays]
         for memory in (before, earlier):
-            shapes = [] if memory is None else [memory.strains.shape, memory.joints.shape]
-            if shapes and shapes != [rest.strains.shape, rest.joints.shape]:
+            shapes = need if memory is None else [a.shape for a in memory.arrays]
+            if shapes != need:
                 raise ValueError(
-                    f"the memory has shapes {shapes[0]} and {shapes[1]}; this body and rheology "
-                    f"need {rest.strains.shape} and {rest.joints.shape}: start from Memory.rest"
+                    f"the memory has shapes {' and '.join(map(str, shapes))}; this body and "
+                    f"rheology need {' and '.join(map(str, need))}: start from Memory.rest"
                 )
         self.rheology = rheology
         past = Past(rest if before is None else before, dt, earlier, last_dt)
-        super().__init__(body, Increment(rheology, past), growth, cells=cells, name=name)
+        super().__init__(body, self._increment(rheology, past), growth, cells=cells, name=name)
+
+    def rest(self) -> Memory:
+        """The memory of the undeformed body."""
+        return self._rest(self.body, self.rheology)
+
+    def _rest(self, body: Body, rheology: Rheology) -> Memory:
+        return Memory.rest(body, rheology)
+
+    def _increment(self, rheology: Rheology, past: Past) -> Increment:
+        return Increment(rheology, past)
+
+    def shortest_time(self, e: float) -> float:
+        """Shortest time in which anything relaxes at the load e; inf where nothing does."""
+        return self.rheology.shortest_time(e, self.body.weights.shape, self.body.points)
 
     @property
     def past(self) -> Past:
@@ -273,7 +296,7 @@ class Viscous(Elastic):
         """What is remembered at the end of the step, u (n, 3); None: not an admissible state."""
         body, past = self.body, self.past
         table, inverse, _ = self._at(e)
-        strains, joints = past.before.strains.copy(), past.before.joints.copy()
+        kept = [a.copy() for a in past.before.arrays]
         q, k = body.gradients.shape[1:3]
         size = max(1, CHUNK // q)
         G, F = np.empty((size, q, 3, k)), np.empty((size, q, 3, 3))
@@ -284,8 +307,9 @@ class Viscous(Elastic):
             after = self.material.after(F[: len(ids)], table[ids])
             if after is None:
                 return None
-            strains[ids], joints[ids] = after
-        return Memory(strains, joints)
+            for array, part in zip(kept, after, strict=True):
+                array[ids] = part
+        return Memory(*kept)
 
     def dissipation(self, after: Memory, e: float) -> tuple[np.ndarray, np.ndarray]:
         """Energy taken by each dashpot over the step per grown volume, and the work done on it.

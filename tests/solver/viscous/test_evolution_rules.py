@@ -56,8 +56,7 @@ def term(growth):
     """What the rule asks of a term."""
     points = np.zeros((1, 1, 3))
     body = SimpleNamespace(weights=np.ones((1, 1)), points=points)
-    rheology = SimpleNamespace(shortest_time=lambda e, shape, points: 1e9)
-    return SimpleNamespace(body=body, rheology=rheology, growth=growth, name="tissue")
+    return SimpleNamespace(body=body, shortest_time=lambda e: 1e9, growth=growth, name="tissue")
 
 
 def test_growth_is_judged_within_the_time_that_is_walked():
