@@ -18,8 +18,6 @@ import pandas as pd
 from matplotlib.figure import Figure
 from scipy.stats import binomtest
 
-from experiments.common import main, save_figure
-from experiments.gravity_campaign import SHEETS
 from foldlab.design import FULL
 from foldlab.labels import foldability
 from foldlab.labels.asked import Conditions, Effort
@@ -31,6 +29,9 @@ from foldlab.plots import STYLE
 from solver.cases.unit import path as unit_path
 from solver.cases.unit.mesh import LEVELS, Sizes
 from solver.equilibrium.clock import core_seconds
+
+from .common import main, save_figure
+from .gravity_campaign import SHEETS
 
 # One finer than the finest of :data:`LEVELS`.
 FINEST = Sizes(0.04, 2, 0.18, 0.08, 0.25, 4)

@@ -15,9 +15,10 @@ from typing import Any
 import pandas as pd
 from threadpoolctl import threadpool_limits
 
-from experiments._accuracy import labels, paths, plots
-from experiments.common import main, save_figure
 from foldlab.errors import InputError
+
+from ._accuracy import labels, paths, plots
+from .common import main, save_figure
 
 FINE = "--source solver --set accuracy=0.005"
 PARTS = ("a", "b", "c", "d", "e", "f")

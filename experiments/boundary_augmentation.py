@@ -7,10 +7,11 @@ import sys
 from dataclasses import dataclass
 from typing import Any
 
-from experiments.common import main, save_figure
 from foldlab.labels.timoshenko import TimoshenkoSource
 from foldlab.learning.augment import Plan, compare_strategies
 from foldlab.learning.plots import plot_learning_curves
+
+from .common import main, save_figure
 
 
 @dataclass(frozen=True)

@@ -53,13 +53,21 @@ def main(module_doc: str, run: Callable, config_class: type, tiny: Any) -> None:
     args = parser.parse_args()
     try:
         settings = read_settings(args.set, args.config)
-        base = dataclasses.asdict(tiny) if args.tiny else {}
-        config = build(config_class, {**base, **settings})
-        result = execute(name, run, config)
+        result = execute(name, run, configured(config_class, settings, tiny if args.tiny else None))
     except InputError as error:
         print(f"error: {error}", file=sys.stderr)
         sys.exit(2)
-    if args.json:
+    tell(result, args.json)
+
+
+def configured(config_class: type, settings: dict[str, Any], tiny: Any = None) -> Any:
+    """The configuration of ``settings``; those that are missing are ``tiny``'s, or the defaults."""
+    return build(config_class, {**(dataclasses.asdict(tiny) if tiny else {}), **settings})
+
+
+def tell(result: dict[str, Any], as_json: bool) -> None:
+    """Print what :func:`execute` gave: one JSON object, or its table and its numbers."""
+    if as_json:
         print(json.dumps(result, allow_nan=False))
     else:
         emit({k: v for k, v in result.items() if k != "table"}, False, result.get("table"))

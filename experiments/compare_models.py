@@ -15,7 +15,6 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from experiments.common import main, save_figure
 from foldlab.design import REDUCED
 from foldlab.errors import InputError
 from foldlab.inverse.confirm import confirm
@@ -28,6 +27,8 @@ from foldlab.learning.operating_point import at_rate, loss_weight_curve, thresho
 from foldlab.learning.plots import plot_pareto, plot_trade_off
 from foldlab.learning.scoring import score
 from foldlab.learning.train import symbolic_options
+
+from .common import main, save_figure
 
 MODELS = ("tree", "distilled", "forest", "boosted", "dissertation", "network", "symbolic")
 

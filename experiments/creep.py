@@ -16,11 +16,12 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from experiments.common import main, save_figure
 from foldlab.errors import InputError
 from foldlab.plots import LINES, STYLE
 from solver.cases.tissue import creep
 from solver.viscous.evolution import TimeSteps, Unresolved, evolve, start
+
+from .common import main, save_figure
 
 
 @dataclass(frozen=True)

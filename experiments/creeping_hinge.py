@@ -15,7 +15,6 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from experiments.common import main, save_figure
 from foldlab.labels import foldability
 from foldlab.plots import LINES, STYLE
 from solver.cases.tissue.model import ramp
@@ -25,6 +24,8 @@ from solver.cases.unit.unit import Unit
 from solver.viscous.evolution import TimeSteps, evolve, start
 from solver.viscous.rheology import SLS
 from solver.viscous.term import softened
+
+from .common import main, save_figure
 
 
 @dataclass(frozen=True)

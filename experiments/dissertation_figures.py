@@ -18,7 +18,6 @@ import matplotlib as mpl
 import numpy as np
 from matplotlib.figure import Figure
 
-from experiments.common import main, save_figure
 from foldlab.labels.asked import Conditions, Effort
 from foldlab.labels.foldability import measure
 from foldlab.labels.solver import SolverSource
@@ -26,6 +25,8 @@ from foldlab.plots import STYLE
 from solver.cases.unit.choices import Meshing, Physics
 from solver.cases.unit.model import build
 from solver.cases.unit.path import fold
+
+from .common import main, save_figure
 
 TABLE_41 = {
     "E_ratio": 0.1, "rho_ratio": 0.1, "hinge_length": 0.2, "hinge_width": 1.0, "h_ratio": 5.0,

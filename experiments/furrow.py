@@ -18,7 +18,6 @@ import pandas as pd
 from matplotlib.colors import LinearSegmentedColormap
 from scipy.spatial import cKDTree
 
-from experiments.common import OUT, main, save_figure
 from foldlab.errors import InputError
 from foldlab.plots import LINES, STYLE
 from solver.cases.tissue import furrow
@@ -26,6 +25,8 @@ from solver.cases.tissue.model import Model, ramp
 from solver.output import Series, grid
 from solver.physics.patterns import read_pattern
 from solver.viscous.evolution import TimeSteps, march, start
+
+from .common import OUT, main, save_figure
 
 # Of β from 0 to 1.
 COLOURS = LinearSegmentedColormap.from_list("pattern", ["#9DB4CC", "#E2A33B"])

@@ -15,13 +15,14 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from experiments.common import counted, main, save_figure
 from foldlab.datasets import load_dataset
 from foldlab.design import FULL
 from foldlab.learning.along import states_as_labels
 from foldlab.learning.augment import STRATEGIES, Plan, augment, labels_to_reach
 from foldlab.learning.models import make_classifier
 from foldlab.learning.plots import plot_learning_curves
+
+from .common import counted, main, save_figure
 
 
 @dataclass(frozen=True)

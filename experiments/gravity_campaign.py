@@ -19,13 +19,14 @@ import numpy as np
 import pandas as pd
 from matplotlib.figure import Figure
 
-from experiments.common import OUT, main, save_figure
 from foldlab.campaign.campaign import run_campaign
 from foldlab.design import FULL
 from foldlab.labels.asked import Conditions, Effort
 from foldlab.labels.solver import SolverSource
 from foldlab.labels.store import LabelStore
 from foldlab.plots import STYLE
+
+from .common import OUT, main, save_figure
 
 SHEETS = FULL.with_bounds(slenderness=(1e-3, 3e-2))
 

@@ -22,8 +22,6 @@ import numpy as np
 import pandas as pd
 from sklearn.ensemble import HistGradientBoostingClassifier
 
-from experiments.common import OUT, main, save_figure
-from experiments.gravity_campaign import SHEETS, picture
 from foldlab.campaign.campaign import labelled
 from foldlab.datasets import FOLDER
 from foldlab.design import FULL, PATTERNED
@@ -33,6 +31,9 @@ from foldlab.labels.solver import SolverSource
 from foldlab.labels.store import LabelStore
 from foldlab.tables import read_table, write_table
 from foldlab.tracking import commit
+
+from .common import OUT, main, save_figure
+from .gravity_campaign import SHEETS, picture
 
 SEEDS = 20_000  # where those of pieces begin, away from those of tests and tables
 STRIPED = 0.1  # fraction of uniaxial designs that have strips

@@ -16,7 +16,6 @@ import numpy as np
 import pandas as pd
 from matplotlib.figure import Figure
 
-from experiments.common import counted, main, save_figure
 from foldlab.datasets import load_dataset
 from foldlab.design import FULL
 from foldlab.errors import InputError
@@ -29,6 +28,8 @@ from foldlab.learning.features import as_labels, probability_of_folding
 from foldlab.learning.models import make_classifier
 from foldlab.learning.scoring import clopper_pearson
 from foldlab.plots import STYLE
+
+from .common import counted, main, save_figure
 
 
 @dataclass(frozen=True)

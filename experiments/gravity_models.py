@@ -21,7 +21,6 @@ import numpy as np
 import pandas as pd
 from sklearn.model_selection import StratifiedKFold
 
-from experiments.common import counted, main, save_figure
 from foldlab.datasets import load_dataset
 from foldlab.design import FULL
 from foldlab.errors import InputError
@@ -47,6 +46,8 @@ from foldlab.maps.plots import plot_regimes
 from foldlab.maps.regimes import regime_map
 from foldlab.tables import read_table
 from foldlab.tracking import commit
+
+from .common import counted, main, save_figure
 
 AXES, SLICED = ("E_ratio", "h_ratio"), "stiffness_to_weight"
 HELD = {

@@ -21,7 +21,6 @@ from sklearn.linear_model import LogisticRegression
 from sklearn.model_selection import StratifiedKFold, cross_val_predict, train_test_split
 from sklearn.tree import DecisionTreeClassifier, export_text
 
-from experiments.common import counted, main, save_figure
 from foldlab.datasets import load_dataset
 from foldlab.design import FULL
 from foldlab.labels import beam
@@ -29,6 +28,8 @@ from foldlab.learning.features import as_labels
 from foldlab.learning.models import make_classifier
 from foldlab.learning.scoring import clopper_pearson
 from foldlab.plots import STYLE, SYMBOLS
+
+from .common import counted, main, save_figure
 
 T, E, W, S, LIFT = sympy.symbols("T E W S lambda", real=True)
 COLUMNS = {T: "turning", E: "edge", W: "weight", S: "sag", LIFT: "lift_off"}

@@ -15,7 +15,6 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from experiments.common import main, save_figure
 from foldlab.inverse.box import Box
 from foldlab.inverse.draft import Draft, Work
 from foldlab.inverse.finish import as_wished
@@ -25,6 +24,8 @@ from foldlab.inverse.weighted import WALKERS, regions_of, weighted
 from foldlab.inverse.wish import Angle, Wish, mass_of
 from foldlab.labels.solver import SolverSource
 from foldlab.plots import STYLE
+
+from .common import main, save_figure
 
 PAIRS = (
     ("PET", "SMP"), ("polypropylene", "SMP"), ("polyimide film", "SMP"), ("paper", "SMP"),

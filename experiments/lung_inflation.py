@@ -20,9 +20,6 @@ import numpy as np
 import pandas as pd
 from scipy.interpolate import CubicSpline
 
-from experiments._lung.plots import plot_inflation, plot_pictures
-from experiments._lung.render import pictures
-from experiments.common import OUT, main, save_figure
 from foldlab.errors import InputError
 from solver.cases.lung import model as case
 from solver.cases.lung.geometry import Lung
@@ -35,6 +32,10 @@ from solver.output import Series
 from solver.paths.continuation import trace
 from solver.paths.steppers import ArcLength, LoadSteps
 from solver.physics.materials import NeoHookean
+
+from ._lung.plots import plot_inflation, plot_pictures
+from ._lung.render import pictures
+from .common import OUT, main, save_figure
 
 # Thick neo-Hookean sphere, ν = 0.3, h = 0.05 of the mid-surface's radius: p/E over the inner
 # stretch, and its limit point; from an ordinary differential equation solved to 1e-12.

@@ -19,16 +19,6 @@ import numpy as np
 import pandas as pd
 from matplotlib.figure import Figure
 
-from experiments._lung.plots import (
-    plot_curves,
-    plot_models,
-    plot_pressure,
-    plot_stability,
-    plot_stiffness,
-    signed,
-)
-from experiments.common import main, save_figure
-from experiments.lung_inflation import known, prepared
 from foldlab.errors import InputError
 from solver.cases.lung import model as case
 from solver.cases.lung.measures import Measures, measure, radial
@@ -38,6 +28,17 @@ from solver.cases.lung.paths import Paths
 from solver.cases.lung.stability import Classes, total
 from solver.mesh.body import Body
 from solver.paths.continuation import Path
+
+from ._lung.plots import (
+    plot_curves,
+    plot_models,
+    plot_pressure,
+    plot_stability,
+    plot_stiffness,
+    signed,
+)
+from .common import main, save_figure
+from .lung_inflation import known, prepared
 
 
 @dataclass(frozen=True)

@@ -9,10 +9,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
-from experiments import furrow
-from experiments.common import main
-from experiments.furrow import panel, study, warped
 from solver.cases.tissue import neural_tube
+
+from . import furrow
+from .common import main
+from .furrow import panel, study, warped
 
 
 @dataclass(frozen=True)

@@ -15,12 +15,13 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from experiments.common import OUT, main, save_figure
 from foldlab.plots import STYLE
 from solver.cases.unit import problem_p
 from solver.output import Series, cell_fields
 from solver.paths.continuation import Path, trace
 from solver.paths.steppers import LoadSteps
+
+from .common import OUT, main, save_figure
 
 
 @dataclass(frozen=True)

@@ -5,12 +5,13 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
-from experiments.common import main, save_figure
 from foldlab.design import REDUCED
 from foldlab.labels.timoshenko import TimoshenkoSource
 from foldlab.learning.train import fit, symbolic_options
 from foldlab.maps.plots import plot_regimes
 from foldlab.maps.regimes import regime_map
+
+from .common import main, save_figure
 
 
 @dataclass(frozen=True)

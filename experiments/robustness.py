@@ -25,7 +25,6 @@ from matplotlib.figure import Figure
 from scipy.sparse import bsr_array
 from scipy.sparse.linalg import LinearOperator, eigsh
 
-from experiments.common import OUT, main, save_figure
 from foldlab.design import FULL
 from foldlab.labels import foldability
 from foldlab.plots import LINES, STYLE, symbol
@@ -38,6 +37,8 @@ from solver.equilibrium.clock import core_seconds
 from solver.equilibrium.descent import critical_mode
 from solver.equilibrium.linear import SingularMatrix
 from solver.equilibrium.scene import Scene
+
+from .common import OUT, main, save_figure
 
 THIRDS = ("low", "middle", "high")
 

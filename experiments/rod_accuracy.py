@@ -16,7 +16,6 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from experiments.common import OUT, main, save_figure
 from foldlab.datasets import load_dataset
 from foldlab.labels import make_source
 from foldlab.plots import STYLE
@@ -29,6 +28,8 @@ from solver.cases.unit.unit import Unit
 from solver.equilibrium.scene import Scene
 from solver.paths import LoadSteps, trace
 from solver.physics.supports import Fixed
+
+from .common import OUT, main, save_figure
 
 LARGEST, HINGE, THICKNESS = 0.4, 0.3, 0.03  # contraction, l_i/l_s and (h_i + h_s)/l_s
 MESHES = {

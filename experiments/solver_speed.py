@@ -19,8 +19,9 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from experiments.common import main, save_figure
 from foldlab.plots import STYLE
+
+from .common import main, save_figure
 
 
 @dataclass(frozen=True)
@@ -105,8 +106,9 @@ def path_cost(element: str, level: int, across: int = 1) -> dict[str, Any]:
 
     ``overhead``: fraction of the path's time that is neither factorisation nor solve.
     """
-    from experiments.problem_p import follow_to
     from solver.cases.unit import problem_p
+
+    from .problem_p import follow_to
 
     follow_to(problem_p.scene(problem_p.mesh(0, element), g=-0.01))  # compiles, or loads the cache
     start = time.perf_counter()

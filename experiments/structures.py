@@ -19,8 +19,6 @@ import pandas as pd
 from matplotlib.figure import Figure
 from scipy.optimize import brentq
 
-from experiments.common import main, save_figure
-from experiments.gravity_campaign import SHEETS
 from foldlab.labels.asked import Effort
 from foldlab.labels.solver import SolverSource
 from foldlab.materials import read_materials
@@ -34,6 +32,9 @@ from solver.cases.structure.parts import Structure
 from solver.cases.structure.path import fold
 from solver.cases.structure.pattern import Crease, Pattern
 from solver.equilibrium.clock import core_seconds
+
+from .common import main, save_figure
+from .gravity_campaign import SHEETS
 
 # A film of PET with a stiff shape-memory polymer, as README's example.
 SHEET = Layer(3.5e9, 1375.0, 1e-4)

@@ -6,11 +6,12 @@ import dataclasses
 from dataclasses import dataclass
 from typing import Any
 
-from experiments.common import OUT, main, save_figure
 from foldlab.design import REDUCED
 from foldlab.labels.timoshenko import TimoshenkoSource
 from foldlab.learning.plots import plot_study
 from foldlab.learning.tune import Search, tune
+
+from .common import OUT, main, save_figure
 
 
 @dataclass(frozen=True)

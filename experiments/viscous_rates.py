@@ -18,7 +18,6 @@ import numpy as np
 import pandas as pd
 import scipy.sparse as sp
 
-from experiments.common import main, save_figure
 from foldlab.plots import LINES, STYLE
 from solver.cases.tissue import furrow
 from solver.cases.tissue.model import Model, Tissue, ramp
@@ -32,6 +31,8 @@ from solver.viscous.rheology import branches
 from solver.viscous.term import Past
 from solver.viscous.tree import pair
 from solver.viscous.tree import spring as spring_response
+
+from .common import main, save_figure
 
 
 @dataclass(frozen=True)

@@ -23,9 +23,10 @@ import numpy as np
 import pandas as pd
 from matplotlib.figure import Figure
 
-from experiments._wrong_inputs import cases, judge
-from experiments.common import OUT, main, save_figure
 from foldlab.plots import STYLE
+
+from ._wrong_inputs import cases, judge
+from .common import OUT, main, save_figure
 
 
 @dataclass(frozen=True)

@@ -10,7 +10,7 @@ ROOT = Path(__file__).parent.parent
 # A room is a folder, or a file beside the folders. Small parts that anybody may use stand first.
 FREE = {
     "foldlab", "foldlab.errors", "foldlab.design", "foldlab.settings", "foldlab.tables",
-    "foldlab.quantities", "foldlab.materials", "foldlab.shown",
+    "foldlab.quantities", "foldlab.materials", "foldlab.shown", "foldlab.packaged",
 }  # fmt: skip
 # The same of the solver.
 GIVEN = {"solver.given"}
@@ -45,6 +45,7 @@ MAY = {
     "foldlab.quantities": set(),
     "foldlab.materials": set(),
     "foldlab.shown": set(),
+    "foldlab.packaged": set(),
     "foldlab.memory": set(),
     "foldlab.plots": set(),
     "foldlab.terminal": set(),

@@ -16,8 +16,6 @@ import numpy as np
 import pandas as pd
 from sklearn.model_selection import train_test_split
 
-from experiments.common import OUT
-from experiments.gravity_campaign import SHEETS
 from foldlab.campaign.campaign import run_campaign
 from foldlab.datasets import load_dataset
 from foldlab.design import FULL
@@ -29,6 +27,9 @@ from foldlab.labels.store import LabelStore
 from foldlab.labels.timoshenko import TimoshenkoSource
 from foldlab.learning.models import make_classifier
 from foldlab.learning.scoring import score, seconds_per_million
+
+from ..common import OUT
+from ..gravity_campaign import SHEETS
 
 FINEST = "quarter, 0.5 %"
 ODD = "snap|sideways|rocking|twisting|symmetric|bifurcation"  # see foldlab.labels.screening.decided

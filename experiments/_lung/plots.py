@@ -15,8 +15,9 @@ from matplotlib.figure import Figure
 from matplotlib.image import imread
 from matplotlib.ticker import MaxNLocator
 
-from experiments._lung.render import COLOURS
 from foldlab.plots import LINES, STYLE
+
+from .render import COLOURS
 
 PRESSURE = r"pressure $p/E_{ep}$"
 

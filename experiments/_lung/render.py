@@ -35,7 +35,7 @@ def pictures(
     rows = [
         [str(f), str(t), *map(float, c)] for f, t, c in zip(files, targets, limits, strict=True)
     ]
-    return drawn_apart("experiments._lung.render", rows, request, targets, timeout)
+    return drawn_apart(f"{__package__}.render", rows, request, targets, timeout)
 
 
 def draw(rows: Sequence[Sequence]) -> None:

@@ -12,9 +12,10 @@ from pathlib import Path
 
 import numpy as np
 
-from experiments._wrong_inputs import damage
-from experiments._wrong_inputs.damage import pick
 from foldlab.design import FULL, REDUCED
+
+from . import damage
+from .damage import pick
 
 GROUPS = {
     "E_ratio": 0.1, "h_ratio": 5, "hinge_length": 0.25, "aspect": 0.2, "slenderness": 4e-3,

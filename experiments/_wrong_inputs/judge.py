@@ -20,12 +20,13 @@ from pathlib import Path
 
 import numpy as np
 
-import experiments.common
-from experiments._wrong_inputs import cases, good
 from foldlab.cli import app
 from solver.mesh import gmsh_import
 from solver.mesh.body import Body
 from solver.physics.patterns import read_pattern
+
+from .. import common
+from . import cases, good
 
 REFUSED, HARMLESS, GOES_ON = "refused", "harmless", "goes on"
 ACCEPTED, TRACEBACK, UNCLEAR = "accepted though wrong", "traceback", "unclear"
@@ -44,7 +45,7 @@ class _Settings:
 
     def __post_init__(self):
         if self.size < 1 or not 0 < self.ratio < 1:
-            raise experiments.common.InputError("size and ratio: expected above 0, and below 1")
+            raise common.InputError("size and ratio: expected above 0, and below 1")
 
 
 def serve(connection, seed: int, folder: str, seconds: float) -> None:
@@ -117,7 +118,7 @@ def _call(arguments: list[str]) -> None:
     what, *rest = arguments
     if what == "experiment":
         sys.argv = ["wrong", *rest]
-        experiments.common.main("?", lambda config, tracker: {}, _Settings, _Settings())
+        common.main("?", lambda config, tracker: {}, _Settings, _Settings())
     elif what in ("pattern", "mesh"):
         # Read by experiments and by Python: a ValueError is their refusal.
         try:

@@ -59,6 +59,10 @@ VERBS = {
         "learn",
         "Search the network's architecture and loss bias: accuracy against training seconds.",
     ),
+    "experiment": (
+        "label_verbs",
+        "Run one of the experiments that the documentation's tables come from, or list them.",
+    ),
     "design": ("design", "Propose designs for a wish"),
     "explore": (
         "foldlab.explore.verb",

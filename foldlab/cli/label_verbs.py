@@ -1,4 +1,4 @@
-"""The verbs of labelling: ``sample``, ``label``, ``export``."""
+"""The verbs of studies: ``sample``, ``label``, ``export``, ``experiment``."""
 
 from __future__ import annotations
 
@@ -106,3 +106,31 @@ def export(
     with LabelStore(store, mode="read") as labels:
         count = labels.export(out, source=source)
     emit({"labels": count, "file": out}, as_json)
+
+
+def experiment(
+    *,
+    name: Annotated[
+        str | None, typer.Argument(help="Which experiment; without one they are listed.")
+    ] = None,
+    tiny: Annotated[bool, typer.Option("--tiny", help="A small version, to see it run.")] = False,
+    given: Given,
+    as_json: Json = False,
+) -> None:
+    """Run one of the experiments that the documentation's tables come from, or list them.
+
+    Pictures and files go to the folder out, the run to MLflow. --set overrides the experiment's own
+    settings.
+    """
+    from foldlab import packaged
+
+    settings = given.read()
+    if name is None:
+        if tiny or settings:
+            raise InputError("name the experiment to run; without one they are only listed")
+        known = [{"experiment": n, "question": q} for n, q in packaged.experiments().items()]
+        emit({"experiments": known}, as_json, known)
+        return
+    module, shared = packaged.experiment(name)
+    config = shared.configured(module.Config, settings, module.TINY if tiny else None)
+    shared.tell(shared.execute(name, module.run, config), as_json)

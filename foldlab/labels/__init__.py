@@ -2,6 +2,10 @@
 
 from importlib import import_module
 
+from foldlab.packaged import check_solver
+
+check_solver()
+
 # Imported when first asked for: PyTorch, VTK and the solver take seconds.
 _HOMES = {
     "Label": "foldlab.labels.label",
