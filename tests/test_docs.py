@@ -114,9 +114,21 @@ def test_figures_of_the_dataset_are_counted_from_it():
         f"{growth['isotropic']} whose layer", f"{spent:_.0f} core-seconds", f"{unknown} labels are",
     ):  # fmt: skip
         assert told.replace("_", " ") in page
+    rows = [line.split("|")[1] for line in PAGES["dataset"].splitlines() if line[:3] == "| `"]
+    assert set(re.findall(r"`(.+?)`", "".join(rows))) <= set(table.columns)
     cited = re.search(r"Cite: (.*)\.", card("gravity")).group(1)
     assert cited in page and cited in " ".join(PAGES["cite"].split())
     assert f"holds {len(table):_} labels".replace("_", " ") in README
+
+
+def test_figures_of_accuracy_and_cost_are_those_of_the_readme_and_have_a_command():
+    for heading, *lines in (s.splitlines() for s in PAGES["accuracy"].split("\n## ")[1:]):
+        for line in lines:
+            if line.startswith("| "):
+                assert line.replace("(#models)", "(#learning-under-gravity)") in README
+        names = re.findall(r"python -m experiments\.(\w+)", "\n".join(lines))
+        assert names, heading
+        assert all((ROOT / "experiments" / f"{name}.py").exists() for name in names)
 
 
 def test_it_is_cited_by_the_version_that_there_is():
