@@ -25,7 +25,6 @@ import numpy as np
 
 from solver.given import one_of
 from solver.mesh.body import Body
-from solver.physics.elastic import CHUNK
 from solver.physics.fields import Points, Quantity, resolve, unit, varies
 from solver.physics.kernels import add_stiffness_unsymmetric, deform
 from solver.physics.term import Evaluation
@@ -321,7 +320,7 @@ class Growing(Viscous):
         """The same term over another step."""
         return Growing(
             self.body, self.rheology, self.feedback, dt=past.dt, before=past.before,
-            earlier=past.earlier, last_dt=past.last_dt, cells=self._mask(), name=self.name,
+            earlier=past.earlier, last_dt=past.last_dt, cells=self.mask(), name=self.name,
         )  # fmt: skip
 
     def evaluate(self, u: np.ndarray, e: float, order: int = 2) -> Evaluation:
@@ -363,33 +362,36 @@ class Growing(Viscous):
 
         What growth takes is ∫ Jg (M − ψ 1) : Ḟg Fg⁻¹ dV₀; it is negative where growth drives.
         """
-        stored = np.zeros(self.body.weights.shape)
-        driving = np.zeros((*stored.shape, self.feedback.modes))
-        # A step too short for the dashpots tells what the springs hold; a shorter one roundoff.
-        relaxation = super().shortest_time(e)
-        frozen = Increment(self.rheology, Past(after, 1e-7 * min(relaxation, 1e7)))
-        held = frozen.properties(e, stored.shape, self.body.points)
-        table, q = self._at(e)[0], stored.shape[1]
-        size = max(1, CHUNK // q)
-        for start in range(0, len(self.ids), size):
-            ids = self.ids[start : start + size]
-            F = self._gradient(ids, u)
-            _, _, _, B, inner = self.material.split(table[ids])
-            gamma = after.growth[ids].reshape(-1, self.feedback.modes)
-            at = self.material.respond(F, gamma, B, inner, order=1)
-            psi, none = np.empty(F.shape[:2]), np.empty((1, q, 3, 3, 3, 3))
-            Fe = np.ascontiguousarray(at.Fe.reshape(F.shape))
-            frozen.kernel(Fe, held[ids], 0, psi, np.empty(F.shape), none)
-            M = np.einsum("naij,nij->na", at.FB, at.P).reshape(*F.shape[:2], -1)
-            J = np.exp(after.growth[ids] @ self.feedback.sizes)
-            stored[ids] = J * psi
-            driving[ids] = J[..., None] * (M - psi[..., None] * self.feedback.sizes)
+        shape = self.body.weights.shape
+        at, _, _ = self.response(u, after, e)
+        psi = at.psi.reshape(-1, shape[1])
+        if self.rheology.dashpots:
+            # A step too short for the dashpots tells what the springs hold; a shorter one roundoff.
+            frozen = Increment(self.rheology, Past(after, 1e-7 * super().shortest_time(e)))
+            held = frozen.properties(e, shape, self.body.points)[self.ids]
+            Fe = np.ascontiguousarray(at.Fe.reshape(*psi.shape, 3, 3))
+            none = np.empty((1, shape[1], 3, 3, 3, 3))
+            frozen.kernel(Fe, held, 0, psi, np.empty(Fe.shape), none)
+        J = np.exp(after.growth[self.ids] @ self.feedback.sizes)
+        M = np.einsum("naij,nij->na", at.FB, at.P).reshape(*psi.shape, -1)
+        stored, driving = np.zeros(shape), np.zeros((*shape, self.feedback.modes))
+        stored[self.ids] = J * psi
+        driving[self.ids] = J[..., None] * (M - psi[..., None] * self.feedback.sizes)
         return stored, driving
 
-    def _gradient(self, ids: np.ndarray, u: np.ndarray) -> np.ndarray:
-        """F (cells, q, 3, 3)."""
-        body, (c, q) = self.body, (len(ids), self.body.weights.shape[1])
+    def response(self, u: np.ndarray, memory: Memory, e: float):
+        """At u with the growth of a memory: what the material answers at all the term's points in
+        turn, and the law's rate and γ̇ without stress there, (points, modes).
+
+        Raises ValueError for a state that is not admissible.
+        """
+        body, (c, q) = self.body, (len(self.ids), self.body.weights.shape[1])
         G, F = np.empty((c, q, 3, body.cells.shape[1])), np.empty((c, q, 3, 3))
         none = np.empty((0, 1, 3, 3))
-        deform(ids, body.cells, body.gradients, np.ascontiguousarray(u, float), none, G, F)
-        return F
+        deform(self.ids, body.cells, body.gradients, np.ascontiguousarray(u, float), none, G, F)
+        rate, free, _, B, inner = self.material.split(self._at(e)[0][self.ids])
+        gamma = memory.growth[self.ids].reshape(-1, self.feedback.modes)
+        at = self.material.respond(F, gamma, B, inner)
+        if at is None:
+            raise ValueError(f"term {self.name!r} does not admit this state; give a converged one")
+        return at, rate, free

@@ -282,10 +282,11 @@ class Viscous(Elastic):
         """The same term over another step."""
         return Viscous(
             self.body, self.rheology, self.growth, dt=past.dt, before=past.before,
-            earlier=past.earlier, last_dt=past.last_dt, cells=self._mask(), name=self.name,
+            earlier=past.earlier, last_dt=past.last_dt, cells=self.mask(), name=self.name,
         )  # fmt: skip
 
-    def _mask(self):
+    def mask(self) -> np.ndarray | None:
+        """The term's cells as a mask (m,); None where it covers all."""
         if len(self.ids) == len(self.body.cells):
             return None
         mask = np.zeros(len(self.body.cells), bool)

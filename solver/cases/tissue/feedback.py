@@ -8,6 +8,7 @@ same becomes of it. Both materials are neo-Hookean (Eq. 2.25), E = 1 the unit of
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -18,6 +19,7 @@ from solver.equilibrium.scene import Scene
 from solver.mesh.body import Body
 from solver.mesh.structured import box, polar
 from solver.physics.materials import lame
+from solver.physics.pressure import Pressure
 from solver.physics.supports import Fixed
 from solver.viscous.feedback import Feedback, Growing
 from solver.viscous.rheology import Spring
@@ -110,14 +112,19 @@ def cylindrical(_: float, X: np.ndarray) -> np.ndarray:
 
 @dataclass(frozen=True)
 class Ring:
-    """A ring that grows along r, θ and z by a law each: ``rates`` and ``targets`` (3,); the
-    baseline of θ falls from ``baseline`` inside to 0 outside. ``widened``: displacement of the
-    inside, reached at the time ``WIDENED`` and held; 0: both sides are free."""
+    """A ring that grows along r, θ and z by a law each: ``rates`` (3,), 1/(stress · time), and
+    ``targets`` (3,), stress; the baseline of θ falls from ``baseline`` (1/time) inside to 0
+    outside. ``widened``: displacement of the inside, reached at the time ``WIDENED`` and held; 0:
+    the inside is free, under ``pressure`` (stress). ``settled``: the targets are instead the
+    stresses of the ring that has not grown, which is homeostatic so if there is no baseline.
+    """
 
     rates: tuple[float, float, float] = (0.5, 1.5, 0.0)
     targets: tuple[float, float, float] = (0.0, 0.05, 0.0)
     baseline: float = 0.075
     widened: float = 0.0
+    pressure: float = 0.0
+    settled: bool = False
 
     def hoop(self, R: np.ndarray) -> np.ndarray:
         """The baseline of θ at R."""
@@ -129,7 +136,16 @@ class Ring:
         def hoop(_, X):
             return self.hoop(np.hypot(X[..., 0], X[..., 1]))
 
-        return Feedback(self.rates, self.targets, (0.0, hoop, 0.0), frame=cylindrical)
+        targets = self.targets
+        if self.settled:
+            radial = Radial(self)
+            rest, _ = radial.mandel(radial.radius(WIDENED, radial.still), radial.still)
+
+            def target(k):
+                return lambda _, X: radial.at(np.hypot(X[..., 0], X[..., 1]), rest)[..., k]
+
+            targets = tuple(map(target, range(3)))
+        return Feedback(self.rates, targets, (0.0, hoop, 0.0), frame=cylindrical)
 
     def opening(self, t: float) -> float:
         """Displacement of the inside."""
@@ -145,7 +161,10 @@ class Ring:
         if self.widened:
             inside = np.flatnonzero(np.abs(np.hypot(*x.T[:2]) - INNER) < 1e-9)
             fixed += [Fixed([k], (*x[k, :2], 0), self.opening) for k in inside]
-        return Scene(body, [Growing(body, Spring(E, NU), self.law(), dt=dt)], fixed=fixed)
+        terms = [Growing(body, Spring(E, NU), self.law(), dt=dt)]
+        if self.pressure:
+            terms.append(Pressure(body, body.surface("x-"), self.pressure))
+        return Scene(body, terms, fixed=fixed)
 
 
 class Radial:
@@ -161,7 +180,7 @@ class Radial:
         self.ring, self.x = ring, x
         self.R = INNER + (OUTER - INNER) * (x + 1) / 2
         self._D = D * 2 / (OUTER - INNER)
-        self._r = self.R.copy()
+        self._r, self.still = self.R.copy(), np.zeros((3, n + 1))
 
     def mandel(self, r: np.ndarray, growth: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """M (3, n + 1) along r, θ, z and the elastic stretches, of r and γ (3, n + 1).
@@ -182,7 +201,8 @@ class Radial:
             P = volume * M / stretch
             left = self._D @ P[0] + (P[0] - P[1]) / self.R[:, None]
             left[-1] = P[0, -1]
-            left[0] = r[0] - INNER - opening if self.ring.widened else P[0, 0]
+            free = P[0, 0] + self.ring.pressure * r[0] / INNER
+            left[0] = r[0] - INNER - opening if self.ring.widened else free
             return left
 
         r, small = self._r[:, None], 1e-30
@@ -198,19 +218,35 @@ class Radial:
 
     def growth(self, until: float) -> np.ndarray:
         """γ (3, n + 1) at a time after ``WIDENED``."""
+        flat = np.zeros(3 * len(self.R))
+        for a, b in ((0.0, WIDENED), (WIDENED, until)):
+            flat = solve_ivp(self.speed(), (a, b), flat, rtol=1e-9, atol=1e-11).y[:, -1]
+        return flat.reshape(3, -1)
+
+    def speed(self) -> Callable[[float, np.ndarray], np.ndarray]:
+        """γ̇ of the time and γ, flat (3 (n + 1),)."""
         rate, target = (np.array(v)[:, None] for v in (self.ring.rates, self.ring.targets))
+        if self.ring.settled:
+            target, _ = self.mandel(self.radius(WIDENED, self.still), self.still)
         free = np.zeros((3, len(self.R)))
         free[1] = self.ring.hoop(self.R)
 
-        def speed(t, flat):
+        def of(t, flat):
             growth = flat.reshape(3, -1)
             M, _ = self.mandel(self.radius(t, growth), growth)
             return (free + rate * (M - target)).ravel()
 
-        flat = np.zeros(3 * len(self.R))
-        for a, b in ((0.0, WIDENED), (WIDENED, until)):
-            flat = solve_ivp(speed, (a, b), flat, rtol=1e-9, atol=1e-11).y[:, -1]
-        return flat.reshape(3, -1)
+        return of
+
+    def rates(self, growth: np.ndarray) -> np.ndarray:
+        """Eigenvalues of ∂γ̇/∂γ at γ late, the largest real part first, by central differences."""
+        of, h, flat = self.speed(), 1e-5, growth.ravel()
+        late = 10 * WIDENED
+        columns = [
+            (of(late, flat + d) - of(late, flat - d)) / (2 * h) for d in h * np.eye(len(flat))
+        ]
+        found = np.linalg.eigvals(np.array(columns).T)
+        return found[np.argsort(-found.real)]
 
     def cauchy(self, t: float, growth: np.ndarray) -> np.ndarray:
         """Stresses (3, n + 1) along r, θ and z."""
