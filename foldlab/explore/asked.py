@@ -109,6 +109,14 @@ def number(request: Mapping[str, Any], name: str, default: float, ends: tuple[fl
     return value
 
 
+def switch(request: Mapping[str, Any], name: str, default: bool) -> bool:
+    """True or false; :class:`InputError` for another value."""
+    value = request.get(name, default)
+    if not isinstance(value, bool):
+        raise InputError(f"{name} = {str(value)[:LONGEST]!r}; expected true or false")
+    return value
+
+
 def choice(request: Mapping[str, Any], name: str, names: Collection[str]) -> str:
     """One of some names; :class:`InputError` for another value."""
     value = request.get(name)

@@ -38,7 +38,16 @@ HEADERS = {
     "Cache-Control": "no-store",
 }
 KINDS = {"html": "text/html", "css": "text/css", "js": "text/javascript", "svg": "image/svg+xml"}
-PAGE = ("index.html", "style.css", "app.js", "controls.js", "map.js", "icon.svg")
+PAGE = (
+    "index.html",
+    "style.css",
+    "app.js",
+    "controls.js",
+    "map.js",
+    "solve.js",
+    "shape.js",
+    "icon.svg",
+)
 
 Route = Callable[[Any], dict[str, Any]]
 

@@ -26,10 +26,14 @@ def explore(
     from foldlab.explore.server import Server, plotly
 
     plotly()
+    from foldlab.explore.jobs import Jobs
     from foldlab.explore.live import Live
 
-    live = Live()
-    routes = {"/api/facts": live.facts, "/api/answer": live.answer, "/api/map": live.map}
+    live, jobs = Live(), Jobs()
+    routes = {
+        "/api/facts": live.facts, "/api/answer": live.answer, "/api/map": live.map,
+        "/api/start": jobs.start, "/api/job": jobs.state, "/api/cancel": jobs.cancel,
+    }  # fmt: skip
     server = Server(port, routes)
     threading.Thread(target=live.warm, daemon=True).start()
     serving = threading.Thread(target=server.serve_forever, kwargs={"poll_interval": 0.1})
@@ -48,3 +52,4 @@ def explore(
         server.shutdown()
         serving.join()
         server.server_close()
+        jobs.close()

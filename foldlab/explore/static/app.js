@@ -1,6 +1,7 @@
 // The page's state, and who is asked when it changes.
 import { Controls } from "./controls.js";
 import { RegimeMap } from "./map.js";
+import { Solving } from "./solve.js";
 
 const token = location.hash.slice(1);
 const byId = (id) => document.getElementById(id);
@@ -43,7 +44,7 @@ function trouble(text) {
 const WORDS = {
   true: ["folds", "✓", "Folds"], false: ["stays", "✗", "Does not fold"], null: ["unsure", "?", "Don’t know"],
 };
-let saying = 0;
+let saying = 0, said = 0;
 
 function show(a) {
   const [kind, sign, word] = WORDS[a.foldable];
@@ -79,6 +80,7 @@ async function start() {
   const controls = new Controls(facts, () => { refresh(); });
   const map = new RegimeMap(byId("map"), controls);
   page.controls = controls;
+  page.solving = new Solving(ask, () => page.design);
 
   const redraw = latest(async () => {
     const design = controls.design();
@@ -89,7 +91,7 @@ async function start() {
     } catch (error) { map.clear(error.message); }
   });
   const answer = latest(async () => {
-    const asked = controls.design();
+    const asked = structuredClone(controls.design());
     try {
       const told = await ask("/api/answer", asked);
       page.answer = told;
@@ -100,7 +102,7 @@ async function start() {
       page.listeners.forEach((heard) => heard(told));
       if (told.probability === null) { setTimeout(answer, 250); return; }
       byId("verdict").dataset.by = "models";
-    } catch (error) { trouble(error.message); return; }
+    } catch (error) { trouble(error.message); return; } finally { said += 1; byId("verdict").dataset.answers = said; }
     redraw();
   });
   function refresh() { map.point(); answer(); }

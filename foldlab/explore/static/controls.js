@@ -146,7 +146,8 @@ export class Controls {
       const text = Object.assign(document.createElement("input"), { type: "text", spellcheck: false });
       text.setAttribute("aria-label", `${p.meaning}, as a number`);
       text.setAttribute("inputmode", "text");
-      text.addEventListener("change", () => this.typed(p, text));
+      text.addEventListener("input", () => { text.dataset.typing = "yes"; });
+      text.addEventListener("change", () => { delete text.dataset.typing; this.typed(p, text); });
       row.append(label, range, text);
       home.append(row);
       if (this.values[p.name] !== undefined) this.row(p.name, this.values[p.name]);
@@ -172,6 +173,6 @@ export class Controls {
       range.value = Math.round(at * STEPS);
     range.setAttribute("aria-valuetext", shown(p, value));
     row.classList.toggle("off", at < -1e-6 || at > 1 + 1e-6);
-    if (document.activeElement !== text) text.value = shown(p, value);
+    if (!text.dataset.typing) text.value = shown(p, value);
   }
 }

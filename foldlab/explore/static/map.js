@@ -131,7 +131,7 @@ export class RegimeMap {
     this.svg.replaceChildren();
     if (m) {
       this.canvas.width = this.canvas.height = m.side;
-      const context = this.canvas.getContext("2d"), image = context.createImageData(m.side, m.side);
+      const context = this.canvas.getContext("2d", { willReadFrequently: true }), image = context.createImageData(m.side, m.side);
       m.probability.forEach((p, k) => {
         const row = m.side - 1 - Math.floor(k / m.side), at = 4 * (row * m.side + (k % m.side));
         const [r, g, b] = Number.isNaN(p) ? [255, 255, 255] : colour(p);

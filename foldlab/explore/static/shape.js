@@ -1,0 +1,115 @@
+// A unit in three dimensions, by plotly.js, which is fetched from this machine when first needed.
+import { unpacked } from "./map.js";
+
+const COLOURS = { passive: "#9DB4CC", active: "#E2A33B", ground: "#DEDBD3" };
+const DECADES = 3; // of strain below the largest that have colours of their own
+let loading = null;
+
+export function plotly() {
+  loading ??= new Promise((done, failed) => {
+    const script = Object.assign(document.createElement("script"), { src: "plotly.js" });
+    script.onload = () => done(window.Plotly);
+    script.onerror = () => failed(new Error("plotly.js did not come: pip install 'foldlab[explore]'"));
+    document.head.append(script);
+  });
+  return loading;
+}
+
+function surface(layer) {
+  layer.read ??= {
+    points: unpacked(layer.points),
+    triangles: unpacked(layer.triangles, Int32Array),
+    strain: unpacked(layer.strain),
+  };
+  return layer.read;
+}
+
+const column = (flat, k) => Array.from({ length: flat.length / 3 }, (_, n) => flat[3 * n + k]);
+
+// Half the edges of a cube, and its middle, that hold all frames: the view stays where it is.
+function box(frames) {
+  const low = [0, 0, 0].fill(Infinity), high = [0, 0, 0].fill(-Infinity);
+  for (const frame of frames) for (const layer of Object.values(frame.layers)) {
+    const { points } = surface(layer);
+    points.forEach((v, n) => {
+      low[n % 3] = Math.min(low[n % 3], v);
+      high[n % 3] = Math.max(high[n % 3], v);
+    });
+  }
+  return { low, high };
+}
+
+export class Shape {
+  constructor(home) {
+    this.home = home;
+    this.busy = false;
+    this.next = null;
+    new ResizeObserver(() => { if (this.drawn) window.Plotly.Plots.resize(home); }).observe(home);
+  }
+
+  // Draws the last of the frames asked for while it was drawing.
+  async draw(answer, frame, colours) {
+    this.next = [answer, frame, colours];
+    if (this.busy) return;
+    this.busy = true;
+    try {
+      const Plotly = await plotly();
+      while (this.next) {
+        const args = this.next;
+        this.next = null;
+        await Plotly.react(this.home, ...this.figure(...args), { displaylogo: false, responsive: false,
+          modeBarButtons: [["toImage", "resetCameraDefault3d"]] });
+        this.drawn = true;
+        this.home.dataset.frame = String(args[0].frames.indexOf(args[1]));
+      }
+    } catch (error) {
+      this.home.textContent = error.message;
+    } finally { this.busy = false; }
+  }
+
+  figure(answer, frame, colours) {
+    answer.box ??= box(answer.frames);
+    answer.most ??= Math.max(...answer.frames.flatMap((f) => Object.values(f.layers).flatMap((l) => [...surface(l).strain])), 1e-9);
+    const { low, high } = answer.box, traces = [], top = Math.log10(100 * answer.most);
+    for (const [name, layer] of Object.entries(frame.layers)) {
+      const { points, triangles, strain } = surface(layer);
+      const trace = {
+        type: "mesh3d", name, x: column(points, 0), y: column(points, 1), z: column(points, 2),
+        i: column(triangles, 0), j: column(triangles, 1), k: column(triangles, 2),
+        flatshading: true, lighting: { ambient: 0.75, diffuse: 0.5, specular: 0.02, roughness: 0.9 },
+        hovertemplate: `${name}<extra></extra>`,
+      };
+      if (colours === "strain") Object.assign(trace, {
+        intensitymode: "cell", coloraxis: "coloraxis",
+        intensity: Array.from(strain, (s) => Math.log10(Math.max(100 * s, 10 ** (top - DECADES)))),
+        customdata: Array.from(strain, (s) => 100 * s),
+      });
+      else trace.color = COLOURS[name];
+      traces.push(trace);
+    }
+    const pad = 0.08, [x0, y0] = [low[0] - pad, low[1] - pad], [x1, y1] = [high[0] + pad, high[1] + pad];
+    traces.push({
+      type: "mesh3d", name: "ground", x: [x0, x1, x1, x0], y: [y0, y0, y1, y1], z: [-0.002, -0.002, -0.002, -0.002],
+      i: [0, 0], j: [1, 2], k: [2, 3], color: COLOURS.ground, hoverinfo: "skip",
+      lighting: { ambient: 1, diffuse: 0 },
+    });
+    const whole = [];
+    for (let d = Math.ceil(top - DECADES); d <= top; d++) whole.push(d);
+    const hidden = { visible: false };
+    return [traces, {
+      margin: { l: 0, r: 0, t: 0, b: 0 }, showlegend: false, uirevision: "view", paper_bgcolor: "#fff",
+      coloraxis: {
+        colorscale: "Viridis", cmin: top - DECADES, cmax: top,
+        colorbar: {
+          title: { text: "elastic strain, %", side: "right" }, thickness: 12, len: 0.85, x: 1,
+          tickvals: whole, ticktext: whole.map((d) => String(Number((10 ** d).toPrecision(1)))),
+        },
+      },
+      scene: {
+        aspectmode: "data", xaxis: { ...hidden, range: [x0, x1] }, yaxis: { ...hidden, range: [y0, y1] },
+        zaxis: { ...hidden, range: [Math.min(low[2], -0.002), high[2]] },
+        camera: { eye: { x: 1.05, y: -0.75, z: 0.45 }, projection: { type: "orthographic" } },
+      },
+    }];
+  }
+}

@@ -1,0 +1,124 @@
+// A job of the solver: started, watched, cancelled, and what came of it.
+import { Shape } from "./shape.js";
+
+const byId = (id) => document.getElementById(id);
+const number = (v, d = 3) => (v === null || v === undefined ? "–" : String(Number(v.toPrecision(d))));
+const degrees = (rad, d = 3) => `${number((rad * 180) / Math.PI, d)}°`;
+const YES = { true: "yes", false: "no", null: "unknown" };
+const later = (ms) => new Promise((done) => setTimeout(done, ms));
+
+// What is said of a path, by heading.
+export function facts(a) {
+  const off = a.error_m1 === null ? "" : ` ± ${degrees(a.error_m1, 2)}`;
+  const angle = a.fold_angle === null ? "–" : `${degrees(a.fold_angle)}${off}; ${degrees(a.need)} count as folded`;
+  const strain = Object.entries(a.strain).map(([layer, s]) => {
+    const limit = s.says ? ` (${s.says}: its limit is ${number(100 * s.low)} to ${number(100 * s.high)} %)` : "";
+    return `${layer} ${number(100 * s.peak, 2)} %${limit}`;
+  });
+  const events = a.events.map((e) => `${e.kind} at ${number(100 * e.contraction)} %`);
+  return {
+    "folds, by the solver": YES[a.foldable],
+    why: a.reason,
+    angle,
+    "stable; tips over if let go": `${YES[a.stable]}; ${YES[a.topples]}`,
+    "panels touch": a.contact ? YES[a.touches] : "not asked: they pass through each other",
+    "peak strain": strain.join(", ") || "–",
+    "on the way": events.join(", ") || "nothing",
+    cost: `${number(a.core_seconds)} core-seconds, ${a.unknowns ?? "–"} unknowns`,
+  };
+}
+
+export function list(home, told) {
+  home.replaceChildren(...Object.entries(told).flatMap(([name, text]) => {
+    const [dt, dd] = [document.createElement("dt"), document.createElement("dd")];
+    [dt.textContent, dd.textContent] = [name, text];
+    return [dt, dd];
+  }));
+}
+
+export class Solving {
+  constructor(ask, design) {
+    this.ask = ask;
+    this.design = design;
+    this.answer = null;
+    this.solved = null;
+    this.heard = [];
+    this.shape = new Shape(byId("shape"));
+    byId("solve").addEventListener("click", () => this.solve());
+    byId("cancel").addEventListener("click", () => this.cancel());
+    byId("frame").addEventListener("input", () => this.frame());
+    byId("colours").addEventListener("change", () => this.frame());
+    document.addEventListener("keydown", (e) => {
+      if (e.key === "Enter" && (e.ctrlKey || e.metaKey) && !byId("solve").disabled) this.solve();
+    });
+  }
+
+  options() {
+    return {
+      design: this.design(), contact: byId("contact").checked,
+      accuracy: Number(byId("accuracy").value), seconds: Number(byId("budget").value),
+    };
+  }
+
+  say(text, wrong = false) {
+    byId("job").textContent = text;
+    byId("job").classList.toggle("wrong", wrong);
+  }
+
+  busy(yes) {
+    for (const button of document.querySelectorAll("button.job, #solve")) button.disabled = yes;
+    if (!yes) byId("cancel").disabled = true;
+  }
+
+  async cancel() {
+    try { await this.ask("/api/cancel", { job: this.job }); } catch (error) { this.say(error.message, true); }
+  }
+
+  // The answer of a job, or null where there is none.
+  async run(kind, asked, doing) {
+    this.busy(true);
+    try {
+      let state = await this.ask("/api/start", { kind, asked });
+      this.job = state.job;
+      byId("cancel").disabled = false;
+      while (state.running) {
+        this.say(`${doing}: ${state.said}, ${state.seconds.toFixed(0)} s …`);
+        await later(state.seconds < 3 ? 150 : 500);
+        state = await this.ask("/api/job", { job: state.job });
+      }
+      this.say(state.error ?? `Done in ${number(state.seconds, 2)} s.`, Boolean(state.error));
+      return state.answer;
+    } catch (error) {
+      this.say(error.message, true);
+      return null;
+    } finally { this.busy(false); }
+  }
+
+  async solve() {
+    const asked = this.options();
+    const answer = await this.run("solve", asked, "Solving");
+    if (answer) this.show(answer, asked);
+  }
+
+  show(answer, asked) {
+    this.answer = answer;
+    this.solved = asked.design;
+    byId("shapes").hidden = false;
+    list(byId("solved"), facts(answer));
+    byId("frame").max = Math.max(0, answer.frames.length - 1);
+    byId("frame").value = byId("frame").max;
+    this.frame();
+    this.heard.forEach((hear) => hear());
+  }
+
+  frame() {
+    const a = this.answer;
+    if (!a || !a.frames.length) return;
+    const frame = a.frames[byId("frame").value];
+    const says = `${number(100 * frame.contraction)} %: angle ${degrees(frame.m1)}`;
+    byId("frame-says").textContent = says;
+    byId("frame").setAttribute("aria-valuetext", says);
+    this.shape.draw(a, frame, byId("colours").value);
+    this.moved?.(frame.contraction);
+  }
+}
