@@ -13,10 +13,11 @@ FREE = {
     "foldlab.quantities", "foldlab.materials", "foldlab.shown", "foldlab.packaged",
 }  # fmt: skip
 # The same of the solver.
-GIVEN = {"solver.given"}
+GIVEN = {"solver.given", "solver.shown"}
 MAY = {
     "solver": set(),
     "solver.given": set(),
+    "solver.shown": set(),
     "solver.mesh": set(),
     "solver.physics": {"solver.mesh"},
     "solver.equilibrium": {"solver.mesh", "solver.physics"},
@@ -44,7 +45,7 @@ MAY = {
     "foldlab.tables": set(),
     "foldlab.quantities": set(),
     "foldlab.materials": set(),
-    "foldlab.shown": set(),
+    "foldlab.shown": {"solver.shown"},
     "foldlab.packaged": set(),
     "foldlab.memory": set(),
     "foldlab.plots": set(),
@@ -78,8 +79,9 @@ MAY = {
     },
 }  # fmt: skip
 # Within foldlab.labels only what a solver label is made of sees the solver, and what folds a
-# structure of many hinges.
+# structure of many hinges; tables of notebooks are the solver's too.
 SOLVER = {"foldlab/labels/solver.py", "foldlab/labels/run.py", "foldlab/labels/rod.py"}
+SOLVER |= {"foldlab/shown.py"}
 SOLVER |= {
     f"foldlab/structure/{name}.py" for name in ("answer", "files", "laws", "made", "pictures")
 }

@@ -22,6 +22,7 @@ from foldlab.labels.asked import Conditions
 from foldlab.labels.foldability import Thresholds
 from foldlab.labels.label import Label
 from foldlab.settings import changed
+from foldlab.shown import Shown
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -35,8 +36,8 @@ LATE = 0.8
 REMEMBERED = 100_000
 
 
-@dataclass(frozen=True)
-class RodSource:
+@dataclass(frozen=True, repr=False)
+class RodSource(Shown):
     """Labels from the rod, with weight and ground ("gravity,ground") or without ("none").
 
     ``sure``: designs whose angle lies nearer to the threshold than its error are unknown; without,

@@ -18,6 +18,7 @@ from foldlab.labels.run import Run
 from foldlab.labels.strength import Strengths, breaking, peaks
 from foldlab.memory import forget_peak, hand_back
 from foldlab.settings import changed
+from foldlab.shown import Shown
 
 if TYPE_CHECKING:
     from solver.cases.unit.choices import Changes
@@ -26,8 +27,8 @@ if TYPE_CHECKING:
     from solver.cases.unit.unit import Unit
 
 
-@dataclass(frozen=True)
-class SolverSource:
+@dataclass(frozen=True, repr=False)
+class SolverSource(Shown):
     """Labels from the finite-strain solver, with weight and ground or without.
 
     ``question``: "from_flat", or "exists": is there a folded stable state, approached by uniaxial

@@ -20,13 +20,14 @@ from foldlab.labels.rod import RodSource
 from foldlab.labels.solver import SolverSource
 from foldlab.labels.timoshenko import TimoshenkoSource
 from foldlab.settings import call
+from foldlab.shown import Shown
 
 if TYPE_CHECKING:
     from foldlab.labels.label import LabelSource
 
 
-@dataclass(frozen=True)
-class LadderSource:
+@dataclass(frozen=True, repr=False)
+class LadderSource(Shown):
     """Labels from the rod where it is sure, else from the solver.
 
     The evidence tells the ``rung`` that answered, and ``core_seconds`` of all that were asked. Of

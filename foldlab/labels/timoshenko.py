@@ -31,6 +31,7 @@ from foldlab.design import REDUCED, DesignSpace
 from foldlab.errors import InputError
 from foldlab.labels.foldability import Thresholds
 from foldlab.labels.label import Label
+from foldlab.shown import Shown
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -86,7 +87,7 @@ def folds(E_ratio, h_ratio, slenderness, **options):
     return normalised_angle(E_ratio, h_ratio, slenderness, **options) >= FULL_TURN
 
 
-class TimoshenkoSource:
+class TimoshenkoSource(Shown):
     """Labels from the bimetal strip: no weight, small strain, no edges.
 
     In the reduced space Eq. 4.26 *defines* the label, so its error is 0. In the full space a design

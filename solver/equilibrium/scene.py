@@ -27,6 +27,7 @@ from solver.mesh.body import Body, NodeGraph
 from solver.physics.fields import Unphysical
 from solver.physics.supports import Fixed, Row, Tied
 from solver.physics.term import Evaluation, Term
+from solver.shown import scene_table
 
 
 @dataclass(frozen=True)
@@ -179,6 +180,8 @@ class Scene:
     def __repr__(self) -> str:
         terms = ", ".join(type(term).__name__ for term in self.terms)
         return f"Scene({terms}; {self.n_nodes} nodes, {self.n_free} unknowns, {self.n_rows} rows)"
+
+    _repr_html_ = scene_table
 
     def with_terms(self, terms: Sequence[Term]) -> Scene:
         """The same body, supports, solver and scales with other terms: nothing is analysed again.

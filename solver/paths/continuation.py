@@ -23,6 +23,7 @@ from solver.paths.arc import NotFollowed, between, tangent
 from solver.paths.point import Ended, Point, Uncounted, Unlocated, reason
 from solver.paths.stability import Event, locate
 from solver.paths.steppers import Stepper
+from solver.shown import path_table
 
 
 @dataclass(frozen=True)
@@ -63,6 +64,8 @@ class Path:
         n, told = len(self.points), "".join(f", {e.kind} at {e.e:.4g}" for e in self.events[:3])
         more = f", {len(self.events) - 3} more events" if len(self.events) > 3 else ""
         return f"Path({n} points{span}{told}{more}; {self.reason})"
+
+    _repr_html_ = path_table
 
     def plot(self, measure: Callable[[Point], float], label: str = ""):
         """Matplotlib axes of ``measure`` of each point over the load e: points whose unstable modes

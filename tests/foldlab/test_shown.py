@@ -1,10 +1,14 @@
 """How labels, spaces, answers and maps show themselves."""
 
+import pickle
+
+import pytest
 from matplotlib.figure import Figure
 
-from foldlab import FULL, REDUCED, Answer, Label, TimoshenkoSource, Wish, make_classifier
+from foldlab import FULL, PATTERNED, REDUCED, Answer, Label, TimoshenkoSource, Wish, make_classifier
 from foldlab import regime_map as draw_map
 from foldlab.inverse.answer import Proposal
+from foldlab.labels.sources import SOURCES, make_source
 
 
 def test_a_label_is_one_line_and_a_table_that_escapes_what_a_source_says():
@@ -37,6 +41,27 @@ def test_an_answer_lists_its_designs():
         Wish(), 1, (Proposal(groups, {}, (None, None), None, None, None, 0.5, {}),), "done", 0.1
     )
     assert "<td>0.125</td>" in one._repr_html_() and "<th>h_ratio</th>" in one._repr_html_()
+
+
+@pytest.mark.parametrize("name", SOURCES)
+def test_a_source_says_in_a_line_what_is_not_usual_and_all_of_it_in_a_table(name):
+    source = make_source(name)
+    assert repr(source) == f"{type(source).__name__}()"
+    html = source._repr_html_()
+    assert f"{name}, version {source.version}" in html and "<td>space</td>" in html
+    assert repr(pickle.loads(pickle.dumps(source))) == repr(source)
+
+
+def test_settings_of_a_source_are_told_record_by_record():
+    source = make_source("solver", {"growth": "isotropic", "accuracy": 0.05}, space=PATTERNED)
+    assert repr(source) == "SolverSource(growth='isotropic', accuracy=0.05, space='patterned')"
+    row = "<tr><td>accuracy</td><td>0.05</td><td>0.02</td></tr>"
+    assert row in source._repr_html_()
+    assert "<tr><td>timeout</td><td>60.0</td><td></td></tr>" in source._repr_html_()
+    plate = TimoshenkoSource(assumption="plate")
+    assert repr(plate) == "TimoshenkoSource(assumption='plate')" and "1-plate" in str(
+        plate._repr_html_()
+    )
 
 
 def test_a_map_plots_itself():

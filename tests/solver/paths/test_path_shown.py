@@ -38,3 +38,24 @@ def test_the_plot_has_every_point_and_tells_stable_ones_from_others():
     assert repr(empty).startswith("Path(0 points; ")
     with pytest.raises(ValueError, match="no points to plot"):
         empty.plot(lambda point: 0.0)
+
+
+def test_a_notebook_has_the_terms_of_a_scene_and_the_points_of_a_path_with_their_events():
+    scene = truss()
+    html = scene._repr_html_()
+    assert f"{scene.n_free} unknowns" in html and "<td>Bars</td><td>yes</td>" in html
+    assert "<td>PointLoad</td><td>–</td>" in html
+    arc = ArcLength(1e-10, a=0.02, b=2e-5)
+    path = trace(scene, np.zeros(scene.size), arc, until=load(4e-4), max_steps=100)
+    html = path._repr_html_()
+    assert f"{len(path.points)} points: {path.reason}" in html
+    for event in path.events:
+        assert f"{event.kind} at {event.e:.4g}" in html
+    last = len(path.points) - 1
+    assert f"<tr><td>{last}</td><td>0.0004</td><td>0</td>" in html
+    assert html.count("<tr>") <= 1 + 12 + len(path.events) < last
+    # What happened beyond the last point stands in a row of its own.
+    cut = Path(path.points[:1], path.outcome, path.events[:1])
+    row = f"<td></td><td>{path.events[0].kind} at {path.events[0].e:.4g}</td></tr></tbody>"
+    assert row in cut._repr_html_()
+    assert "0 points" in Path((), Outcome.NOT_CONVERGED, ())._repr_html_()
