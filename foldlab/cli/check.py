@@ -8,24 +8,30 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
-import numpy as np
 import typer
 
 from foldlab.cli.outputs import Files, make, new_folder, output_folder
 from foldlab.errors import InputError
 from foldlab.quantities import in_si, numbers
 from foldlab.terminal import Given, Json, NotReached, emit, note
+from foldlab.unit.told import (
+    DEGREES,
+    afterwards,
+    beforehand,
+    changed,
+    degrees,
+    holding,
+    number,
+    over,
+    readable,
+    yes,
+)
 
 if TYPE_CHECKING:
     from foldlab.labels.label import Label
     from foldlab.labels.run import Run
     from foldlab.labels.solver import SolverSource
-    from foldlab.unit.check import Change
     from foldlab.unit.sized import Sized
-
-# SI units as a maker reads them, and how many of them make one.
-SHOWN = {"m": ("mm", 1e3), "Pa": ("MPa", 1e-6), "kg/m³": ("kg/m³", 1.0), "1": ("", 1.0)}
-DEGREES = 57.29577951308232
 
 
 def _angle(text: str) -> float:
@@ -122,7 +128,7 @@ def check(
             run, label = source.follow(unit.groups)
             answer |= _solved(unit, source, run, label, out, pictures=not no_pictures)
             if label.foldable is False and first is not None:
-                answer["change"] = _told(confirmed(unit, source), unit)
+                answer["change"] = changed(confirmed(unit, source), unit)
             if draft is not None:
                 told = readable(answer, unit)
                 answer["made"] = {
@@ -148,20 +154,6 @@ def check(
         raise NotReached(f"{label.reason}; what there is is in {out}")
 
 
-def beforehand(unit: Sized, source: SolverSource, first: Label | None) -> dict[str, Any]:
-    """What is known of a unit before the solver is asked; ``first``: the rod's answer."""
-    from foldlab.unit.check import holds, uncertainty
-
-    return {
-        "materials": dict(unit.materials),
-        "physical": dict(unit.physical),
-        "design": dict(unit.groups),
-        "rod": None if first is None else {"foldable": first.foldable, "reason": first.reason},
-        "over_materials": uncertainty(unit, source),
-        "holds": holds(unit, source),
-    }
-
-
 def _solved(
     unit: Sized, source: SolverSource, run: Run, label: Label, out: Path, *, pictures: bool
 ) -> dict[str, Any]:
@@ -177,36 +169,6 @@ def _solved(
     return afterwards(unit, source, run, label) | {"files": [str(out / name) for name in files]}
 
 
-def afterwards(unit: Sized, source: SolverSource, run: Run, label: Label) -> dict[str, Any]:
-    """What the solver says of a unit."""
-    from foldlab.unit.check import strained
-    from foldlab.unit.record import summary
-
-    result = summary(label, run, source)
-    kept = (
-        "foldable", "fold_angle", "need", "error_m1", "reason", "outcome", "stable", "topples",
-        "events", "core_seconds",
-    )  # fmt: skip
-    return {
-        **{name: result[name] for name in kept},
-        "confirmed": True,
-        "strain": strained(unit, label.evidence),
-        "change": None,
-    }
-
-
-def _told(change: Change | None, unit: Sized) -> dict[str, Any] | None:
-    if change is None or change.label is None:
-        return None
-    return {
-        "quantity": change.quantity,
-        "from": unit.physical[change.quantity],
-        "to": change.value,
-        "fold_angle": change.label.evidence["m1"],
-        "reason": change.label.reason,
-    }
-
-
 def _first(label: Label | None, quick: bool) -> str:
     if label is None:
         asked = "" if quick else "; the solver is asked …"
@@ -218,104 +180,12 @@ def _first(label: Label | None, quick: bool) -> str:
 
 def _quickly(answer: Mapping[str, Any]) -> dict[str, Any]:
     return {
-        "folds": _yes(answer["foldable"]),
-        "angle": _degrees(answer["fold_angle"]),
-        "over the materials": _over(answer["over_materials"]),
-        "it stays so for": _holds(answer["holds"]),
+        "folds": yes(answer["foldable"]),
+        "angle": degrees(answer["fold_angle"]),
+        "over the materials": over(answer["over_materials"]),
+        "it stays so for": holding(answer["holds"]),
         "confirmed": "no, the rod's answer only",
     }
-
-
-def readable(answer: Mapping[str, Any], unit: Sized) -> dict[str, Any]:
-    """The answer in a maker's words and units."""
-    error = answer["error_m1"]
-    sure = "" if error is None else f" ± {_number(float(f'{error * DEGREES:.1g}'))}°"
-    angle = f"{_degrees(answer['fold_angle'])}{sure}"
-    if abs(answer["fold_angle"] or 0.0) > np.pi:
-        angle += " (panels meet at about 180° and pass through each other here)"
-    change = answer["change"]
-    if change is not None:
-        change = (
-            f"{change['quantity']} from {_shown(change['quantity'], change['from'])} to "
-            f"{_shown(change['quantity'], change['to'])}: it then folds by "
-            f"{_degrees(change['fold_angle'])}, by the solver"
-        )
-    elif answer["foldable"] is False:
-        change = "no change of one quantity was confirmed to help"
-    else:
-        change = "nothing"
-    return {
-        "folds": _yes(answer["foldable"]),
-        "angle": f"{angle}, {_degrees(answer['need'])} count as folded",
-        "why": answer["reason"],
-        "stable": _yes(answer["stable"]),
-        "tips over": _yes(answer["topples"]),
-        "strain": _strain(answer["strain"]),
-        "over the materials": _over(answer["over_materials"]),
-        "it stays so for": _holds(answer["holds"]),
-        "to change": change,
-        "core_seconds": answer["core_seconds"],
-        "files": ", ".join(answer["files"]),
-        **({"to make it": answer["made"]["folder"]} if "made" in answer else {}),
-    }
-
-
-def _yes(value: bool | None) -> str:
-    return {True: "yes", False: "no", None: "unknown"}[value]
-
-
-def _degrees(angle: float | None) -> str:
-    # Below a twentieth of a degree lies what no sheet shows.
-    return "–" if angle is None else f"{0.0 if abs(angle) < 9e-4 else angle * DEGREES:.3g}°"
-
-
-def _strain(rows: Mapping[str, Mapping[str, Any]]) -> str:
-    told = []
-    for layer, row in rows.items():
-        text = f"{layer} {100 * row['peak']:.2g} %"
-        if row["says"] is not None:
-            low, high = _number(100 * row["low"]), _number(100 * row["high"])
-            text += f" ({row['says']}: its limit is {low} to {high} %)"
-        told.append(text)
-    return ", ".join(told) or "–"
-
-
-def _over(answer: Mapping[str, Any] | None) -> str:
-    if answer is None:
-        return "–"
-    names = ", ".join(
-        f"{name} {_shown(name, low)} to {_shown(name, high)}"
-        for name, (low, high) in answer["ranges"].items()
-    )
-    formula = f" ({answer['by_formula']} by beam formulas)" if answer["by_formula"] else ""
-    return (
-        f"{100 * answer['folds']:.0f} % of {answer['draws']} units fold by the rod{formula}, "
-        f"90 % of all turn by {_degrees(answer['angle_low'])} to "
-        f"{_degrees(answer['angle_high'])} ({names})"
-    )
-
-
-def _holds(answer: Mapping[str, Any] | None) -> str:
-    if answer is None:
-        return "–"
-    told = []
-    for name, (low, high) in answer.items():
-        if low is not None and high is not None:
-            told.append(f"{name} {_shown(name, low)} to {_shown(name, high)}")
-        elif low is not None:
-            told.append(f"{name} above {_shown(name, low)}")
-        elif high is not None:
-            told.append(f"{name} below {_shown(name, high)}")
-    return f"{', '.join(told) or 'any change of one quantity'} (each alone, by the rod)"
-
-
-def _shown(name: str, value: float) -> str:
-    from foldlab.design import PHYSICAL
-
-    unit, factor = SHOWN[PHYSICAL[name]]
-    if name == "contraction":
-        return f"{_number(100 * value)} %"
-    return f"{_number(value * factor)} {unit}"
 
 
 def materials(
@@ -346,9 +216,4 @@ def _range(row, name: str, factor: float) -> str:
     low, high = row[f"{name}_low"] * factor, row[f"{name}_high"] * factor
     if low != low:
         return "–"
-    return _number(low) if low == high else f"{_number(low)} to {_number(high)}"
-
-
-def _number(value: float) -> str:
-    """Three digits, and no power of ten where it can be helped."""
-    return f"{float(f'{value:.3g}'):g}"
+    return number(low) if low == high else f"{number(low)} to {number(high)}"

@@ -10,7 +10,6 @@ from typing import Any
 
 import numpy as np
 
-from foldlab.cli.check import _strain, _yes
 from foldlab.cli.maps import CONTOURS
 from foldlab.cli.showcase import (
     CONTRACTION,
@@ -27,6 +26,7 @@ from foldlab.learning.compare import readable
 from foldlab.making.drawing import draw, millimetres
 from foldlab.making.geometry import Geometry
 from foldlab.making.report import as_html, sizes, views
+from foldlab.unit.told import strained_by, yes
 
 PAGE = """<!DOCTYPE html>
 <html lang="en"><head><meta charset="utf-8"><title>foldlab: which units fold</title>
@@ -128,8 +128,8 @@ def _unit(shown: Folding | None) -> Iterable[str]:
     )
     facts = {
         "why": f"{as_html(answer['reason'])}. {_story(shown)}",
-        "tips over, if let go": _yes(answer["topples"]),
-        "peak strain": escape(_strain(answer["strain"])),
+        "tips over, if let go": yes(answer["topples"]),
+        "peak strain": escape(strained_by(answer["strain"])),
         "cost": f"{answer['core_seconds']:.2g} core-seconds",
         "files": ", ".join(_link(f"unit/{name}", name) for name in shown.files),
     }

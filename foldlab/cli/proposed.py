@@ -10,11 +10,11 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from foldlab.cli.check import afterwards, beforehand, readable
 from foldlab.cli.outputs import make
 from foldlab.design import FULL, PATTERNED, STRIPS
 from foldlab.errors import InputError
 from foldlab.terminal import note
+from foldlab.unit.told import afterwards, beforehand, readable
 
 if TYPE_CHECKING:
     from foldlab.inverse.answer import Answer, Proposal
@@ -151,7 +151,7 @@ def made_of(answer: Answer, source) -> dict[str, Any]:
 
 def told(answer: Answer, result: Mapping[str, Any]) -> tuple[list[dict], dict[str, Any]]:
     """Rows of a table, and what is said below it."""
-    from foldlab.cli.check import DEGREES, _over, _strain, _yes
+    from foldlab.unit.told import DEGREES, over, strained_by, yes
 
     rows, words = [], {}
     for number, (p, row) in enumerate(
@@ -173,7 +173,7 @@ def told(answer: Answer, result: Mapping[str, Any]) -> tuple[list[dict], dict[st
             held = f"{p.box_held} of {p.box_checked}"
             text = f"confirmed by the {answer.source}, and {held} of its box's worst corners"
         if row["topples"] is not None:
-            text += f"; tips over: {_yes(row['topples'])}"
+            text += f"; tips over: {yes(row['topples'])}"
         if p.label is not None and "full turn" in p.label.reason:
             text += "; it turns fully, as if panels could pass through each other"
         if answer.wish.touching is not None and p.label is not None:
@@ -183,13 +183,13 @@ def told(answer: Answer, result: Mapping[str, Any]) -> tuple[list[dict], dict[st
             words[f"{number} strips"] = _strips(p)
         words[f"{number} holds for"] = _box(p)
         if row["strain"]:
-            words[f"{number} strain"] = _strain(row["strain"])
+            words[f"{number} strain"] = strained_by(row["strain"])
         if row["material_cost"]:
             low, high = row["material_cost"]
             cost = f"{low:.3g}" if low == high else f"{low:.3g} to {high:.3g}"
             words[f"{number} material cost"] = f"{cost}, by your prices per kg"
         if row["over_materials"]:
-            words[f"{number} over the materials"] = _over(row["over_materials"])
+            words[f"{number} over the materials"] = over(row["over_materials"])
     words["reason"] = answer.reason
     if answer.largest is not None:
         sizes = answer.largest["physical"]
@@ -212,8 +212,8 @@ def _strips(p: Proposal) -> str:
 
 
 def _box(p: Proposal) -> str:
-    from foldlab.cli.check import SHOWN
     from foldlab.design import PHYSICAL
+    from foldlab.unit.told import SHOWN
 
     parts = []
     for name, (low, high) in p.box.items():

@@ -14,7 +14,6 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from foldlab.cli.check import afterwards
 from foldlab.cli.maps import CONTOURS, cells, verification
 from foldlab.cli.outputs import new_folder
 from foldlab.cli.proposed import as_asked, made_of, make_each, told
@@ -22,6 +21,7 @@ from foldlab.design import FULL
 from foldlab.errors import InputError
 from foldlab.labels.asked import Conditions, Effort, Plan
 from foldlab.labels.solver import SolverSource
+from foldlab.unit.told import afterwards
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

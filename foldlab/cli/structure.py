@@ -10,11 +10,12 @@ from typing import TYPE_CHECKING, Annotated, Any
 import numpy as np
 import typer
 
-from foldlab.cli.check import DEGREES, Made, Need
+from foldlab.cli.check import Made, Need
 from foldlab.cli.outputs import output_folder
 from foldlab.errors import InputError
 from foldlab.quantities import in_si, numbers
 from foldlab.terminal import Given, Json, NotReached, emit, note
+from foldlab.unit.told import DEGREES
 
 if TYPE_CHECKING:
     from foldlab.structure.answer import Answer

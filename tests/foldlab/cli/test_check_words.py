@@ -8,6 +8,7 @@ from foldlab.cli import check
 from foldlab.design import PHYSICAL
 from foldlab.labels.label import Label
 from foldlab.materials import read_materials
+from foldlab.unit import told as unit_told
 from foldlab.unit.check import Change
 from foldlab.unit.sized import sized
 
@@ -27,7 +28,7 @@ ANSWER = {
 
 
 def readable(**changed):
-    return check.readable(ANSWER | changed, UNIT)
+    return unit_told.readable(ANSWER | changed, UNIT)
 
 
 @pytest.mark.parametrize(
@@ -38,8 +39,8 @@ def readable(**changed):
     ],
 )  # fmt: skip
 def test_quantities_are_shown_in_the_units_of_a_maker(name, value, text):
-    assert check._shown(name, value) == text
-    assert {PHYSICAL[n] for n in ("l_s", "E_s", "rho_s", "contraction")} == set(check.SHOWN)
+    assert unit_told.shown(name, value) == text
+    assert {PHYSICAL[n] for n in ("l_s", "E_s", "rho_s", "contraction")} == set(unit_told.SHOWN)
 
 
 def test_yes_and_no_stand_where_they_are_asked_for():
@@ -65,14 +66,15 @@ def test_angles_and_their_errors_are_degrees():
 
 def test_a_change_is_told_from_what_it_is_to_what_it_has_to_be():
     label = Label({}, True, "it folds then", {"m1": RIGHT_ANGLE})
-    told = check._told(Change("h_i", 3e-4, 1.5, label), UNIT)
+    told = unit_told.changed(Change("h_i", 3e-4, 1.5, label), UNIT)
     assert told == {
         "quantity": "h_i", "from": 2e-4, "to": 3e-4, "fold_angle": RIGHT_ANGLE,
         "reason": "it folds then",
     }  # fmt: skip
     says = readable(foldable=False, change=told)["to change"]
     assert says == "h_i from 0.2 mm to 0.3 mm: it then folds by 90°, by the solver"
-    assert check._told(None, UNIT) is check._told(Change("h_i", 3e-4, 1.5), UNIT) is None
+    for nothing in (None, Change("h_i", 3e-4, 1.5)):
+        assert unit_told.changed(nothing, UNIT) is None
     assert (
         readable(foldable=False)["to change"] == "no change of one quantity was confirmed to help"
     )
