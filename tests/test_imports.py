@@ -30,7 +30,8 @@ MAY = {
         "solver.output",
     },
     "solver.cases.structure": {
-        "solver.cases.unit", "solver.mesh", "solver.physics", "solver.equilibrium", "solver.paths"
+        "solver.cases", "solver.cases.unit", "solver.mesh", "solver.physics", "solver.equilibrium",
+        "solver.paths",
     },
     "solver.cases.lung": {
         "solver.cases", "solver.mesh", "solver.physics", "solver.equilibrium", "solver.paths"

@@ -45,14 +45,14 @@ class Sections:
         """Displacement (n, 3) from the positions X (n, 3) that a step du (n, 3) leads to."""
         out = _moved(self.of, X, du, self.middle)
         if self.grounded:
-            out[:, 2] += _rise(X + out, X + du)
+            out[:, 2] += rise(X + out, X + du)
         return out
 
     def step(self, X: np.ndarray, Y: np.ndarray) -> np.ndarray:
         """The step du (n, 3) that leads from the positions X to the positions Y, (n, 3)."""
         out = _step(self.of, X, Y, self.middle)
         if self.grounded:
-            out[:, 2] += _rise(X + out, Y)
+            out[:, 2] += rise(X + out, Y)
         return out
 
 
@@ -87,7 +87,7 @@ class FreeSections:
         of_node = w[self.of]
         out = new[self.of] - X + turned(of_node, r + rest - np.cross(of_node, r))
         if self.grounded:
-            out[:, 2] += _rise(X + out, X + du)
+            out[:, 2] += rise(X + out, X + du)
         return out
 
     def step(self, X: np.ndarray, Y: np.ndarray) -> np.ndarray:
@@ -107,7 +107,7 @@ class FreeSections:
         of_node = w[self.of]
         out = shift[self.of] + np.cross(of_node, r) + turned(-of_node, q) - r
         if self.grounded:
-            out[:, 2] += _rise(X + out, Y)
+            out[:, 2] += rise(X + out, Y)
         return out
 
     def _sums(self, values: np.ndarray) -> np.ndarray:
@@ -151,7 +151,7 @@ class FreeSections:
         return new + (ends - new)[self.middle]
 
 
-def _rise(X: np.ndarray, Y: np.ndarray) -> float:
+def rise(X: np.ndarray, Y: np.ndarray) -> float:
     """By how much the lowest of the positions Y lies above that of X."""
     return float(Y[:, 2].min() - X[:, 2].min())
 

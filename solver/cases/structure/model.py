@@ -70,6 +70,10 @@ class Model:
         a, b = sides[:: self.parts.crease, 0], sides[self.parts.crease - 1 :: self.parts.crease, 1]
         return np.concatenate([a, b[:, ::-1]], axis=1)
 
+    def lowest(self, u: np.ndarray) -> float:
+        """Height of the lowest corner of the underside above the ground."""
+        return float(self.ground.heights(u).min())
+
     def centre_of_mass(self, u: np.ndarray) -> np.ndarray:
         """Of the structure displaced by u (n, 3), (3,)."""
         mass, Y = self.parts.mass, self.body.nodes + u
@@ -83,7 +87,7 @@ class Model:
         hinges = self.hinges.moved(u)
         contact = None if self.contact is None else self.contact.moved(u)
         terms = [{"hinges": hinges, "contact": contact}.get(t.name, t) for t in self.scene.terms]
-        return replace(self, scene=_scene(self, terms, u), hinges=hinges, contact=contact)
+        return replace(self, scene=held(self, terms, u), hinges=hinges, contact=contact)
 
 
 def build(
@@ -138,20 +142,18 @@ def build(
     empty = Model(
         structure, effects, upright, parts, body, None, hinges, ground, contact, corners, owners
     )
-    scene = _scene(empty, terms, np.zeros_like(body.nodes), scales=scales, sections=linked)
+    scene = held(empty, terms, np.zeros_like(body.nodes), scales=scales, sections=linked)
     return replace(empty, scene=scene)
 
 
 def _linked(structure: Structure, parts: Parts, body: Body) -> Linked:
     """How steps turn the parts; raises ValueError for panels that hang together with nothing."""
     pairs = np.array([h.faces for h in parts.hinges], int).reshape(-1, 2)
-    sides = [
-        [point_weights(body, k, np.array([*at, 0.0])) for k, at in zip(*ends, strict=True)]
-        for ends in ((h.faces, h.sides) for h in parts.hinges)
-    ]
+    places = [[np.array([*h.sides[side], 0.0]) for h in parts.hinges] for side in (0, 1)]
+    sides = tuple(_points(body, pairs[:, k], places[k]) for k in (0, 1))
     mass = np.bincount(parts.where[:, 0].astype(int), parts.mass)[: len(parts.outlines)]
-    sides = np.array(sides).reshape(-1, 2, 4)
-    linked = Linked.of_hinges(parts.count, pairs, sides, int(np.argmax(mass)))
+    of = np.repeat(np.arange(parts.count), 4)
+    linked = Linked.of_links(of, pairs, sides, int(np.argmax(mass)))
     if len(linked.order) < parts.count:
         seen = set(linked.order[linked.order < len(parts.outlines)].tolist())
         others = set(range(len(structure.pattern.panels))) - seen
@@ -217,8 +219,11 @@ def _gap(structure: Structure) -> float:
     return min(structure.sheet.h, 0.4 * min(near, default=reach))
 
 
-def _scene(model: Model, terms: Sequence[Term], u: np.ndarray, **options) -> Scene:
-    """Its terms, held against the rigid motions that nothing else holds, about u (n, 3)."""
+def held(model, terms: Sequence[Term], u: np.ndarray, **options) -> Scene:
+    """A model's terms, held against the rigid motions that nothing else holds, about u (n, 3).
+
+    ``options`` of its first scene; later ones take over what it knows.
+    """
     body, old, heavy = model.body, model.scene, model.ground is not None
     if old is not None:
         options = {"scales": old.scales, "sections": old.sections}

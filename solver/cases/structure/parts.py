@@ -42,6 +42,8 @@ class Structure:
     ) -> Structure:
         """With the laws of bilayer sections; creases that don't fold have no layer."""
         count = len(pattern.hinges)
+        if not count:
+            raise ValueError("the pattern has no creases, so nothing folds; give at least one")
         layers = (layer,) * count if isinstance(layer, Layer) else tuple(layer)
         if len(layers) != count:
             raise ValueError(f"{len(layers)} layers for {count} creases; expected one, or one each")

@@ -137,7 +137,7 @@ def _state(model: Model, point) -> State:
         tuple(panels),
         model.strips(x, e),
         model.centre_of_mass(u),
-        None if model.ground is None else float(model.ground.heights(u).min()),
+        None if model.ground is None else model.lowest(u),
         None if model.contact is None else model.contact.distance(u),
         point.unstable,
         point.energy,

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+import scipy.sparse as sp
 import skfem
 from crease_patterns import two_panels
 from proofs import prove
@@ -158,10 +159,14 @@ def test_a_layer_that_is_crushed_is_told():
 def test_steps_turn_panels_about_their_hinges_and_back(hinge):
     (own,) = hinge.hinges
     places = [np.array([*side, 0]) for side in own.sides]
-    sides = np.array([[point_weights(hinge.body, k, places[k]) for k in own.faces]])
+    sides = []
+    for k in own.faces:
+        weights = np.zeros((1, 8))
+        weights[0, 4 * k : 4 * k + 4] = point_weights(hinge.body, k, places[k])
+        sides.append(sp.csr_array(weights))
     for pairs in ([[0, 1]], [[1, 0]]):
-        ends = sides if pairs == [[0, 1]] else sides[:, ::-1]
-        linked = Linked.of_hinges(2, np.array(pairs), ends, 0)
+        ends = tuple(sides if pairs == [[0, 1]] else sides[::-1])
+        linked = Linked.of_links(np.repeat([0, 1], 4), np.array(pairs), ends, 0)
         X = hinge.body.nodes + 0.01 * np.random.default_rng(1).standard_normal((8, 3))
         du = 0.003 * np.random.default_rng(2).standard_normal((8, 3))
         du[:4] += np.cross([-0.4, 0.3, 0.8], X[:4])
