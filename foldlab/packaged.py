@@ -7,6 +7,8 @@ In the sources ``experiments/`` and ``solver/`` stand beside ``foldlab/``. A whe
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from importlib import import_module
 from importlib.util import find_spec
 from pathlib import Path
@@ -17,6 +19,50 @@ from foldlab.errors import InputError
 HERE = Path(__file__).resolve().parent
 # What stands beside the experiments and is none.
 SHARED = {"__init__", "common"}
+# The extra of pyproject.toml that has a library which a bare installation lacks.
+EXTRAS = {
+    "torch": "learn",
+    "optuna": "learn",
+    "pyoperon": "learn",
+    "sympy": "learn",
+    "mlflow": "track",
+    "pyvista": "view",
+    "vtkmodules": "view",
+    "pypardiso": "fast",
+    "pyamg": "fast",
+    "pysr": "pysr",
+    "gmsh": "gmsh",
+    "ezdxf": "make",
+    "shapely": "structure",
+    "ipctk": "structure",
+    "svgelements": "structure",
+    "plotly": "explore",
+    "distributed": "cluster",
+}
+
+
+def installed(library: str) -> bool:
+    """Whether a library of :data:`EXTRAS` is there; it is not imported."""
+    return find_spec(library) is not None
+
+
+def missing(error: ImportError, what: str = "this") -> InputError | None:
+    """Which extra to install for ``what``, where a library of one was not found; else None."""
+    library = (error.name or "").partition(".")[0]
+    if not isinstance(error, ModuleNotFoundError) or library not in EXTRAS:
+        return None
+    return InputError(
+        f'{what} needs {library}, which is not installed: pip install "foldlab[{EXTRAS[library]}]"'
+    )
+
+
+@contextmanager
+def needed_for(what: str) -> Iterator[None]:
+    """Imports inside: raises :class:`InputError` naming the extra where a library of one lacks."""
+    try:
+        yield
+    except ModuleNotFoundError as error:
+        raise missing(error, what) or error from None
 
 
 def check_solver() -> None:

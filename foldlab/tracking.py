@@ -27,6 +27,7 @@ from filelock import FileLock
 
 import foldlab
 from foldlab.errors import InputError
+from foldlab.packaged import needed_for
 
 ROOT = Path("mlruns")
 ARTIFACTS = ROOT / "artifacts"
@@ -132,7 +133,8 @@ def track(experiment: str, config: Mapping[str, Any], *, seed: int | None = None
     deleted experiment is restored, without the runs that were deleted with it.
     """
     # Its import takes seconds and only tracked commands need it.
-    import mlflow
+    with needed_for("tracking"):
+        import mlflow
 
     logging.getLogger("mlflow").setLevel(logging.ERROR)
     logging.getLogger("alembic").setLevel(logging.ERROR)

@@ -11,6 +11,7 @@ from functools import partial
 
 from foldlab.campaign.worker import sentence
 from foldlab.errors import InputError
+from foldlab.packaged import needed_for
 
 CONNECT = 10  # seconds in which the scheduler must answer
 IN_FLIGHT = 1000  # designs that wait at the cluster, enough for some hundred workers
@@ -24,13 +25,8 @@ def dask_executor(address: str, say: Callable[[str], None]) -> Iterator[Executor
     dies goes to another one; after several deaths it is unknown. Raises :class:`InputError` if
     distributed is not installed or no scheduler answers within ``CONNECT`` seconds.
     """
-    try:
+    with needed_for("a Dask cluster"):
         from distributed import Client
-    except ImportError:
-        raise InputError(
-            "a Dask cluster needs the package distributed, which is not installed; "
-            'run `pip install "foldlab[cluster]"`'
-        ) from None
     try:
         # Client itself, once made, takes long to give up and does so noisily.
         kind = asyncio.run(asyncio.wait_for(_kind(address), CONNECT))

@@ -157,6 +157,11 @@ def _sentence(error: Exception) -> str:
         if hasattr(error.__cause__, "errors"):  # pydantic's
             return f"{text}; it is {error.__cause__.errors()[0]['input']!r}"
         return text
+    if isinstance(error, ImportError):
+        from foldlab.packaged import missing
+
+        if (lacking := missing(error)) is not None:
+            return str(lacking)
     from foldlab.cli.outputs import trouble
 
     if (text := trouble(error)) is None:

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from foldlab.cli.outputs import Files, make, new_folder, output_folder
+from foldlab.cli.outputs import Files, make, new_folder, output_folder, tell_slow
 from foldlab.errors import InputError
 from foldlab.quantities import in_si, numbers
 from foldlab.terminal import Given, Json, NotReached, emit, note
@@ -125,6 +125,7 @@ def check(
         note(_first(first, quick))
         answer = beforehand(unit, source, first)
         if not quick:
+            tell_slow()
             run, label = source.follow(unit.groups)
             answer |= _solved(unit, source, run, label, out, pictures=not no_pictures)
             if label.foldable is False and first is not None:

@@ -9,7 +9,7 @@ from typing import Annotated
 import typer
 
 from foldlab.campaign.cluster import IN_FLIGHT, dask_executor
-from foldlab.cli.outputs import check_file
+from foldlab.cli.outputs import check_file, tell_slow
 from foldlab.design import space_named, space_of
 from foldlab.errors import InputError
 from foldlab.tables import SUFFIXES, read_table, write_table
@@ -76,6 +76,8 @@ def label(
                 f"hinge is long: {THICK_HINGE}"
             )
     check_file(out)
+    if not hasattr(maker, "label_many"):
+        tell_slow()
     with ExitStack() as stack:
         store = stack.enter_context(LabelStore(out))
         options = {"workers": workers or 1}

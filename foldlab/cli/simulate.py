@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from foldlab.cli.check import Made, Need
-from foldlab.cli.outputs import output_folder
+from foldlab.cli.outputs import output_folder, tell_slow
 from foldlab.errors import InputError
 from foldlab.quantities import numbers
 from foldlab.terminal import Given, Json, NotReached, emit, note
@@ -208,6 +208,7 @@ def simulate(
     if not source.conditions.heavy and "stiffness_to_weight" in groups:
         _warn("stiffness_to_weight acts on nothing without gravity among the effects")
     with output_folder(out):
+        tell_slow()
         expected = forecast(design, source)
         accuracy = solving.accuracy
         note(expected.sentence(accuracy) if expected else "expected: nothing known of such labels")

@@ -13,6 +13,7 @@ import typer
 from foldlab.cli.check import Made, Need
 from foldlab.cli.outputs import output_folder
 from foldlab.errors import InputError
+from foldlab.packaged import needed_for
 from foldlab.quantities import in_si, numbers
 from foldlab.terminal import Given, Json, NotReached, emit, note
 from foldlab.unit.told import DEGREES
@@ -75,15 +76,11 @@ def structure(
     h_s, h_i, contraction, l_i (the hinges' length along the sheet), size (the flat sheet's largest
     extent, where the file has no unit) and, where no material says them, E_s, rho_s, E_i, rho_i.
     """
-    try:
-        from foldlab.structure.answer import answer as judge
-        from foldlab.structure.laws import from_labels
-
+    with needed_for("a structure"):
         import_contact()
-    except ModuleNotFoundError as error:
-        raise InputError(
-            f'structures need {error.name}: pip install "foldlab[structure]"'
-        ) from None
+    from foldlab.structure.answer import answer as judge
+    from foldlab.structure.laws import from_labels
+
     effects = folded.acting()
     unit, body = _read(pattern, given.read(), made)
     with output_folder(out):

@@ -21,7 +21,6 @@ from numbers import Integral, Real
 
 import numpy as np
 import pandas as pd
-import torch
 from scipy.optimize import minimize
 from scipy.special import expit
 from sklearn.base import BaseEstimator, ClassifierMixin
@@ -35,13 +34,17 @@ from sklearn.utils.validation import (
     column_or_1d,
     validate_data,
 )
-from torch import nn
 
 from foldlab.design import DesignSpace
 from foldlab.errors import InputError
 from foldlab.learning.features import as_labels, groups_array
 from foldlab.learning.physics import Inputs, features
+from foldlab.packaged import needed_for
 from foldlab.tables import as_frame
+
+with needed_for("a network"):
+    import torch
+    from torch import nn
 
 CHUNK = 50_000  # designs per forward pass; bounds the memory
 

@@ -31,6 +31,7 @@ import foldlab
 from foldlab.design import DesignSpace, Parameter
 from foldlab.errors import InputError
 from foldlab.learning.operating_point import with_threshold
+from foldlab.packaged import missing
 
 # Format 1 named classes by modules that are gone.
 FORMAT = 2
@@ -163,6 +164,8 @@ def load_model(directory: str | Path) -> tuple[Any, dict]:
     except InputError:
         raise
     except Exception as error:  # whatever a damaged file makes the reader raise
+        if isinstance(error, ImportError) and (lacking := missing(error, f"the model {directory}")):
+            raise lacking from None
         raise InputError(
             f"cannot read the model in {directory} ({type(error).__name__}: {error}); "
             "save it again with this version of foldlab"

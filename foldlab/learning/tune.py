@@ -19,11 +19,7 @@ from functools import partial
 from pathlib import Path
 
 import numpy as np
-import optuna
 import pandas as pd
-from optuna.storages import JournalStorage
-from optuna.storages.journal import JournalFileBackend, JournalFileOpenLock
-from optuna.trial import TrialState
 from sklearn.exceptions import ConvergenceWarning
 from sklearn.model_selection import train_test_split
 from threadpoolctl import threadpool_limits
@@ -33,6 +29,13 @@ from foldlab.errors import InputError
 from foldlab.learning.features import as_labels
 from foldlab.learning.models import make_classifier
 from foldlab.learning.scoring import score
+from foldlab.packaged import needed_for
+
+with needed_for("a search"):
+    import optuna
+    from optuna.storages import JournalStorage
+    from optuna.storages.journal import JournalFileBackend, JournalFileOpenLock
+    from optuna.trial import TrialState
 
 STUDY = "network"
 ENDED = (TrialState.COMPLETE, TrialState.PRUNED)

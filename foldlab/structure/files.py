@@ -19,6 +19,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from foldlab.errors import InputError
+from foldlab.packaged import needed_for
 
 if TYPE_CHECKING:
     from solver.cases.structure.path import State
@@ -200,11 +201,9 @@ def _colour(shape) -> str | None:
 
 
 def _svg(path: Path) -> Drawn:
-    try:
+    with needed_for("an SVG pattern"):
+        import shapely
         import svgelements as svg
-    except ModuleNotFoundError:
-        raise InputError('SVG patterns need: pip install "foldlab[structure]"') from None
-    import shapely
 
     segments, kinds = [], []
     drawing = svg.SVG.parse(str(path), ppi=96)

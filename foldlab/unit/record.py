@@ -16,6 +16,7 @@ from foldlab.errors import InputError
 from foldlab.labels.label import Label
 from foldlab.labels.run import Run
 from foldlab.labels.solver import SolverSource
+from foldlab.packaged import installed
 from foldlab.terminal import note, plain
 
 # A hinge as wide as its panels and as dense: what a design is that says nothing of them.
@@ -135,9 +136,13 @@ def write_json(path: Path, result: Mapping[str, Any]) -> None:
 
 
 def write_path(out: Path, run: Run) -> list[str]:
-    """Curves of every state and the series; the names of both."""
-    (out / "series").mkdir(exist_ok=True)
-    run.write_series(out / "series" / "unit.pvd")
+    """Curves of every state and, where VTK is installed, the series; the names of both."""
+    series = installed("pyvista")
+    if series:
+        (out / "series").mkdir(exist_ok=True)
+        run.write_series(out / "series" / "unit.pvd")
+    else:
+        _warn('no series for ParaView and no pictures in 3-D: pip install "foldlab[view]"')
     draft = out / f".curves.{os.getpid()}.npz"
     try:
         np.savez_compressed(
@@ -149,7 +154,7 @@ def write_path(out: Path, run: Run) -> list[str]:
         draft.replace(out / "curves.npz")
     finally:
         draft.unlink(missing_ok=True)
-    return ["curves.npz", "series/unit.pvd"]
+    return ["curves.npz", *["series/unit.pvd"] * series]
 
 
 def draw(
@@ -202,13 +207,14 @@ def draw(
             (str(strained),),
             most,
         )
-        drawn = render(request, Path(folder))
+        drawn = installed("pyvista") and render(request, Path(folder))
         chosen = [titles[k] for k in three]
         if drawn:
             figure = plot_shapes([names[k] for k in three], chosen, ground=ground)
         else:
             _warn(
-                "VTK can't render here: shapes.png shows the unit from the side"
+                ("VTK can't render here" if installed("pyvista") else "No VTK")
+                + ": shapes.png shows the unit from the side"
                 + (" and there is no fold.gif" if animate else "")
             )
             curves = np.stack([run.shapes[k].state.curves for k in three])

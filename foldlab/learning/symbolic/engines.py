@@ -20,6 +20,7 @@ import numpy as np
 from foldlab.errors import InputError
 from foldlab.learning.symbolic import formula as fm
 from foldlab.learning.symbolic.formula import Tree
+from foldlab.packaged import needed_for
 
 
 @dataclass(frozen=True)
@@ -127,8 +128,9 @@ def operon(X, y, inputs, constraints: Constraints, log_target: bool, deadline: f
     Raises :class:`InputError` without ``*`` (Operon weighs every input), RuntimeError if the engine
     stops before its limits.
     """
-    import pyoperon as op
-    from pyoperon.sklearn import SymbolicRegressor as Reference
+    with needed_for("a formula"):
+        import pyoperon as op
+        from pyoperon.sklearn import SymbolicRegressor as Reference
 
     if "*" not in constraints.operators or len(inputs) == 0:
         raise InputError("Operon weighs every input: allow '*' among the operators")

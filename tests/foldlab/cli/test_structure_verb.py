@@ -100,7 +100,8 @@ def test_what_is_missing_is_told(net, foldlab, monkeypatch):
     assert status == 2 and "can't read the pattern" in err
     monkeypatch.setitem(sys.modules, "ipctk", None)
     status, _, err = net(MADE)
-    assert status == 2 and 'structures need ipctk: pip install "foldlab[structure]"' in err
+    says = 'a structure needs ipctk, which is not installed: pip install "foldlab[structure]"'
+    assert status == 2 and says in err
 
 
 def test_hinges_of_one_kind_and_answer_are_a_row_with_their_angles_in_degrees():
