@@ -23,6 +23,7 @@ MAY = {
     "solver.equilibrium": {"solver.mesh", "solver.physics"},
     "solver.paths": {"solver.equilibrium"},
     "solver.viscous": {"solver.mesh", "solver.physics", "solver.equilibrium"},
+    "solver.transport": {"solver.mesh", "solver.physics"},
     "solver.output": {"solver.mesh", "solver.physics"},
     "solver.cases": set(),
     "solver.cases.unit": {
@@ -37,7 +38,8 @@ MAY = {
         "solver.cases", "solver.mesh", "solver.physics", "solver.equilibrium", "solver.paths"
     },
     "solver.cases.tissue": {
-        "solver.cases", "solver.mesh", "solver.physics", "solver.equilibrium", "solver.viscous"
+        "solver.cases", "solver.mesh", "solver.physics", "solver.equilibrium", "solver.transport",
+        "solver.viscous",
     },
     "foldlab": {"foldlab.datasets"},
     "foldlab.design": set(),

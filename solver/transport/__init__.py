@@ -1,0 +1,1 @@
+"""What diffuses in a body: morphogens."""
