@@ -8,7 +8,7 @@ from collections.abc import Mapping
 from functools import cache
 from typing import Any
 
-from foldlab.design import PHYSICAL
+from foldlab.design import PATTERN, PATTERNED, PHYSICAL
 from foldlab.errors import InputError
 
 # What units to offer where those given make no sense.
@@ -16,6 +16,8 @@ EXAMPLES = {
     "Pa": "2.5GPa", "kg/m³": "1380kg/m3 or 1.4g/cm3", "m": "40mm", "m/s²": "9.81m/s2",
     "1": "0.2 or 20%", "rad": "90deg or 1.57", "kg": "5g",
 }  # fmt: skip
+
+KNOWN = (*PHYSICAL, *PATTERN, *(name for name in PATTERNED.names if name not in PHYSICAL))
 
 # A number, and units with one-digit powers: nothing else reaches the parser of units, which is one
 # of arithmetic.
@@ -34,7 +36,10 @@ def in_si(name: str, value: Any, unit: str | None = None) -> float:
     group has none. Raises :class:`InputError` for text that is no number with a unit, for a unit of
     another dimension and for numbers that are not finite.
     """
-    unit = PHYSICAL.get(name, "1") if unit is None else unit
+    if unit is None:
+        unit = {**PATTERN, **PHYSICAL}.get(name, "1")
+        if name not in KNOWN and isinstance(value, str) and _NUMBER.fullmatch(value):
+            raise InputError(f"no quantity {name!r} that has a unit; there are {', '.join(KNOWN)}")
     if isinstance(value, bool) or not isinstance(value, int | float | str):
         raise InputError(f"{name} = {value!r}; expected a number, such as {EXAMPLES[unit]}")
     number = _parsed(name, value, unit) if isinstance(value, str) else float(value)

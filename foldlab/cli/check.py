@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from contextlib import ExitStack
 from dataclasses import asdict, dataclass
@@ -15,12 +16,12 @@ from foldlab.errors import InputError
 from foldlab.quantities import in_si, numbers
 from foldlab.terminal import Given, Json, NotReached, emit, note
 from foldlab.unit.told import (
-    DEGREES,
     afterwards,
     beforehand,
     changed,
     degrees,
     holding,
+    in_degrees,
     number,
     over,
     readable,
@@ -35,7 +36,10 @@ if TYPE_CHECKING:
 
 
 def _angle(text: str) -> float:
-    return in_si("need", text, "rad")
+    angle = in_si("need", text, "rad")
+    if angle > 2 * math.pi:
+        raise InputError(f"need = {angle:g} rad is more than a full turn; 90 degrees are 90deg")
+    return angle
 
 
 Need = Annotated[
@@ -67,7 +71,10 @@ class Made:
         from foldlab.materials import read_materials
         from foldlab.unit.sized import sized
 
-        return sized(given, read_materials(self.materials), self.passive, self.active)
+        unit = sized(given, read_materials(self.materials), self.passive, self.active)
+        if (length := unit.physical["l_s"]) > 1 and "l_s" in given:
+            note(f"l_s is {length:g} m: numbers without a unit are in metres (40mm is 40 mm)")
+        return unit
 
     def asked(self, given: Mapping[str, float]) -> bool:
         """Whether the unit is one in SI units."""
@@ -175,8 +182,9 @@ def _first(label: Label | None, quick: bool) -> str:
         asked = "" if quick else "; the solver is asked …"
         return f"first answer: none, for a rod does not know such units{asked}"
     angle = label.evidence.get("m1")
-    turned = "" if angle is None else f" ({angle * DEGREES:.0f}°)"
-    return f"first answer, of a rod: {label.reason}{turned}"
+    reason = in_degrees(label.reason)
+    turned = "" if angle is None or degrees(angle) in reason else f" ({degrees(angle)})"
+    return f"first answer, of a rod: {reason}{turned}"
 
 
 def _quickly(answer: Mapping[str, Any]) -> dict[str, Any]:

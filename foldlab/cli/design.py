@@ -51,6 +51,8 @@ class Aim:
         from foldlab.inverse.wish import Angle
 
         want, equals, text = self.want.partition("=")
+        if want.strip() not in ("foldable", "flat", "angle"):
+            raise InputError(f"--want {self.want}: expected foldable, flat or angle=90deg")
         angle = in_si("--want angle", text.strip(), "rad") if equals else self.angle
         if equals and (want.strip() != "angle" or self.angle is not None):
             raise InputError(f"--want {self.want}: expected foldable, flat or angle=90deg, once")

@@ -217,7 +217,8 @@ def weighted(
     _feels(wish, source, model, confirmed)
     if isinstance(wish.want, Angle) and wish.want.value >= 2 * np.pi:
         raise InputError(
-            f"a fold angle of {wish.want.value:g} rad; a unit turns by less than a full turn"
+            f"a fold angle of {wish.want.value:g} rad; a unit turns by less than a full turn; "
+            "90 degrees are angle=90deg"
         )
     begun = time.process_time()
     done: list[Proposal] = []

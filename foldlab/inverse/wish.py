@@ -239,7 +239,10 @@ def limits_of(wish: Wish, pair: tuple[str | None, str | None], table=None) -> li
     if isinstance(wish.want, Angle):
         absent = [name for name in ("hinge_length", "contraction") if name not in variables]
         if absent:
-            raise InputError(f"the fold angle also depends on {', '.join(absent)}: limit each")
+            raise InputError(
+                f"the fold angle also depends on {', '.join(absent)}: limit each "
+                f"(--range {absent[0]}=0.1:0.3), or say materials and a size"
+            )
     if "stiffness_to_weight" in wish.space.names and variables & {*SCALES, "g_earth"}:
         # Γ ties the scales together (Eq. of §4.2.2), so that all of them are at stake.
         variables |= {*SCALES, "g_earth"}

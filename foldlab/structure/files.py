@@ -124,6 +124,7 @@ def read_pattern(path: str | Path) -> Drawn:
             raise InputError(f"{path} is larger than {MOST_BYTES // 1_000_000} MB")
         text = path.read_text(encoding="utf-8")
     except (OSError, UnicodeDecodeError) as error:
+        error = getattr(error, "strerror", None) or error
         shipped = f"; shipped are {', '.join(SHIPPED)}" if not path.suffix else ""
         raise InputError(f"can't read the pattern {path}: {error}{shipped}") from None
     kind = path.suffix.lower()

@@ -68,7 +68,8 @@ def uncertainty(unit: Sized, source: SolverSource, draws: int = DRAWS) -> dict[s
         c = rest["contraction"].to_numpy()
         angles[~known] = beam.formulas(rest)["net"].to_numpy() * np.pi * c
         folds[~known] = angles[~known] > source.thresholds.angle(c)
-    low, high = np.quantile(angles, [0.05, 0.95])
+    # Formulas know no ground, and a rod's last step may pass the full turn at which a fold ends.
+    low, high = np.quantile(angles.clip(-np.pi, 2 * np.pi), [0.05, 0.95])
     return {
         "draws": draws,
         "by_formula": int((~known).sum()),

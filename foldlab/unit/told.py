@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
@@ -73,6 +74,7 @@ def readable(answer: Mapping[str, Any], unit: Sized) -> dict[str, Any]:
     angle = f"{degrees(answer['fold_angle'])}{sure}"
     if abs(answer["fold_angle"] or 0.0) > np.pi:
         angle += " (panels meet at about 180° and pass through each other here)"
+    held = answer["stable"] and answer["topples"]
     change = answer["change"]
     if change is not None:
         change = (
@@ -87,8 +89,8 @@ def readable(answer: Mapping[str, Any], unit: Sized) -> dict[str, Any]:
     return {
         "folds": yes(answer["foldable"]),
         "angle": f"{angle}, {degrees(answer['need'])} count as folded",
-        "why": answer["reason"],
-        "stable": yes(answer["stable"]),
+        "why": in_degrees(answer["reason"]),
+        "stable": yes(answer["stable"]) + (", held upright" if held else ""),
         "tips over": yes(answer["topples"]),
         "strain": strained_by(answer["strain"]),
         "over the materials": over(answer["over_materials"]),
@@ -111,6 +113,11 @@ def degrees(angle: float | None) -> str:
     return "–" if angle is None else f"{0.0 if abs(angle) < 9e-4 else angle * DEGREES:.3g}°"
 
 
+def in_degrees(text: str) -> str:
+    """A sentence whose angles in rad are told in degrees."""
+    return re.sub(r"(-?\d[\d.]*(?:e[-+]?\d+)?) rad\b", lambda a: degrees(float(a[1])), text)
+
+
 def strained_by(rows: Mapping[str, Mapping[str, Any]]) -> str:
     """Peak strains by layer, and what the materials bear: :func:`foldlab.unit.check.strained`."""
     told = []
@@ -131,7 +138,7 @@ def over(answer: Mapping[str, Any] | None) -> str:
         f"{name} {shown(name, low)} to {shown(name, high)}"
         for name, (low, high) in answer["ranges"].items()
     )
-    formula = f" ({answer['by_formula']} by beam formulas)" if answer["by_formula"] else ""
+    formula = f" ({answer['by_formula']} of them by beam formulas)" if answer["by_formula"] else ""
     return (
         f"{100 * answer['folds']:.0f} % of {answer['draws']} units fold by the rod{formula}, "
         f"90 % of all turn by {degrees(answer['angle_low'])} to "

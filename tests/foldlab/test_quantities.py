@@ -59,5 +59,10 @@ def test_what_is_no_such_quantity_is_told_with_an_example(name, text, words):
 
 def test_settings_that_must_be_numbers():
     assert numbers({"E_ratio": 1, "l_s": "40mm"}) == {"E_ratio": 1.0, "l_s": 0.04}
+    with pytest.raises(
+        InputError, match="no quantity 'lenght' that has a unit; there are E_s, E_i"
+    ):
+        numbers({"lenght": "40mm"})
+    assert numbers({"w_i": "2mm", "strips": "3"}) == {"w_i": 0.002, "strips": 3.0}
     with pytest.raises(InputError, match="E_ratio"):
         numbers({"E_ratio": "thick"})

@@ -17,7 +17,8 @@ SILICONE = (
 def test_a_unit_in_millimetres_and_materials_is_answered_in_degrees(foldlab, tmp_path):
     status, out, err = foldlab(f"check {PET} --accuracy 0.05 -o c")
     assert status == 0
-    assert err.startswith("first answer, of a rod: folds by ")
+    assert err.startswith("first answer, of a rod: folds by 39.") and " rad" not in err + out
+    assert "metres" not in err
     lines = dict(line.split(": ", 1) for line in out.splitlines())
     assert lines["folds"] == "yes" and lines["to change"] == "nothing"
     assert lines["angle"].startswith("39") and "36° count as folded" in lines["angle"]
@@ -64,6 +65,8 @@ def test_a_quick_answer_needs_no_solver_and_leaves_no_files(foldlab, tmp_path, m
         (f"check {PET} --set h_s=0.1MPa", "h_s = '0.1MPa': expected a quantity in m, such as 40mm"),
         (f"check {PET} --passive cheese", "no passive material 'cheese'"),
         (f"check {PET} --need 90mm", "an angle, such as 90deg"),
+        (f"check {PET} --need 90", "need = 90 rad is more than a full turn; 90 degrees are 90deg"),
+        (f"check {PET} --set length=4mm", "no quantity 'length' that has a unit; there are E_s,"),
         (f"check {PET} --growth sideways", "growth 'sideways'"),
         (f"check {PET} --materials no.csv", "give a readable CSV file"),
     ],
@@ -73,6 +76,13 @@ def test_wrong_input_is_one_sentence_and_no_file(foldlab, tmp_path, line, words)
     assert (status, out) == (2, "") and words in err
     assert err.count("error: ") == 1 and "Traceback" not in err
     assert not list(tmp_path.iterdir())
+
+
+def test_a_sheet_of_many_metres_is_asked_about(foldlab):
+    bare = SIZES.replace("mm", "")
+    status, out, err = foldlab(f"check {PET.replace(SIZES, bare)} --quick")
+    assert status == 0 and "folds: no" in out
+    assert "l_s is 40 m: numbers without a unit are in metres" in err
 
 
 def test_simulate_takes_the_same_quantities(foldlab):

@@ -53,6 +53,17 @@ def test_yes_and_no_stand_where_they_are_asked_for():
     assert told["core_seconds"] == 1.5
 
 
+def test_a_state_that_is_stable_only_while_it_is_held_says_so():
+    assert readable(stable=True, topples=True)["stable"] == "yes, held upright"
+    assert readable(stable=False, topples=True)["stable"] == "no"
+
+
+def test_angles_of_a_reason_are_degrees_and_other_numbers_stay():
+    reason = "turns by -0.7854 rad, short of the 1.57 rad needed; Γ is 0.041, by 2e-1 rad, 3 radii"
+    told = readable(reason=reason)["why"]
+    assert told == "turns by -45°, short of the 90° needed; Γ is 0.041, by 11.5°, 3 radii"
+
+
 def test_angles_and_their_errors_are_degrees():
     assert readable()["angle"] == "90° ± 1°, 45° count as folded"
     assert readable(error_m1=1.8)["angle"].startswith("90° ± 100°,")
@@ -115,7 +126,7 @@ def test_what_the_materials_leave_open_is_told_with_their_ranges():
         "25 % of 200 units fold by the rod, 90 % of all turn by 30° to 90° (E_i 0.5 MPa to 30 MPa)"
     )
     some = readable(over_materials=over | {"by_formula": 7})["over the materials"]
-    assert "fold by the rod (7 by beam formulas), 90 %" in some
+    assert "fold by the rod (7 of them by beam formulas), 90 %" in some
     quick = {"foldable": False, "fold_angle": RIGHT_ANGLE, "over_materials": over, "holds": None}
     assert check._quickly(quick) == {
         "folds": "no", "angle": "90°", "over the materials": told, "it stays so for": "–",

@@ -111,6 +111,8 @@ def test_a_size_that_is_too_large_is_answered_with_one_that_is_not(foldlab, quic
         ("design --stands", "give materials and a size, and no --weightless"),
         (f"{SHEET} --max-mass 5mm", "--max-mass = '5mm': expected a quantity in kg, such as 5g"),
         (f"{SHEET} --want angle=90furlongs", "expected an angle"),
+        (f"{SHEET} --want 90deg", "--want 90deg: expected foldable, flat or angle=90deg"),
+        (f"{SHEET} --want angle=90", "90 degrees are angle=90deg"),
         (f"{SHEET} --want flat=1", "expected foldable, flat or angle=90deg"),
         (f"{SHEET} --want angle=1 --angle 1", "once"),
         (f"{SHEET} --range h_s=1mm", "expected NAME=LOW:HIGH"),
