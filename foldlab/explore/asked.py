@@ -37,10 +37,12 @@ LONGEST = 60  # characters of a name or a number
 
 @dataclass(frozen=True)
 class Asked:
-    """``groups``: the full space's; ``unit``: in SI units, None where no size is known."""
+    """``groups``: the full space's; ``unit``: in SI units, None where no size is known;
+    ``by_groups``: whether it was given by them."""
 
     groups: Mapping[str, float]
     unit: Sized | None = None
+    by_groups: bool = False
 
 
 @cache
@@ -69,8 +71,8 @@ def asked(request: Any) -> Asked:
     given = _numbers(only(request["groups"], FULL.names, "groups"))
     groups = FULL.validate_one(given)
     if names["passive"] is None:
-        return Asked(groups)
-    return Asked(groups, _made_of(groups, names["passive"]))
+        return Asked(groups, by_groups=True)
+    return Asked(groups, _made_of(groups, names["passive"]), by_groups=True)
 
 
 def _made_of(groups: Mapping[str, float], passive: str) -> Sized:

@@ -15,7 +15,7 @@ from foldlab.errors import InputError
 from foldlab.explore.asked import choice, number, only
 from foldlab.explore.work import checked, serve
 
-KINDS = ("solve",)
+KINDS = ("solve", "mend", "export")
 # Seconds on the wall beyond the core-seconds asked for: of a machine shared with other work, and
 # of a first solve, which compiles.
 SHARED, COMPILING = 4, 180
@@ -33,6 +33,7 @@ class Job:
     answer: dict[str, Any] | None = None
     error: str | None = None
     seconds: float | None = None
+    content: bytes = b""
 
     @property
     def running(self) -> bool:
@@ -41,6 +42,9 @@ class Job:
 
     def end(self, answer: dict[str, Any] | None, error: str | None) -> None:
         """Keeps the answer, or why there is none."""
+        if answer is not None and "content" in answer:
+            self.content = answer["content"]
+            answer = {"name": answer["name"], "bytes": len(self.content)}
         self.answer, self.error = answer, error
         self.seconds = time.monotonic() - self.began
 
@@ -90,6 +94,13 @@ class Jobs:
                 job.end(None, "cancelled")
                 self._stop()
         return self.state(request)
+
+    def file(self, request: Any) -> tuple[str, bytes]:
+        """Name and content of the file that the last job, {"job": number}, made."""
+        job = self._asked(request)
+        if not job.content:
+            raise InputError("that job made no file")
+        return job.answer["name"], job.content
 
     def close(self) -> None:
         """End what is running."""

@@ -39,15 +39,9 @@ HEADERS = {
 }
 KINDS = {"html": "text/html", "css": "text/css", "js": "text/javascript", "svg": "image/svg+xml"}
 PAGE = (
-    "index.html",
-    "style.css",
-    "app.js",
-    "controls.js",
-    "map.js",
-    "solve.js",
-    "shape.js",
-    "icon.svg",
-)
+    "index.html", "style.css", "icon.svg", "app.js", "controls.js", "map.js", "solve.js",
+    "shape.js", "beside.js",
+)  # fmt: skip
 
 Route = Callable[[Any], dict[str, Any]]
 

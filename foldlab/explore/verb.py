@@ -34,7 +34,7 @@ def explore(
         "/api/facts": live.facts, "/api/answer": live.answer, "/api/map": live.map,
         "/api/start": jobs.start, "/api/job": jobs.state, "/api/cancel": jobs.cancel,
     }  # fmt: skip
-    server = Server(port, routes)
+    server = Server(port, routes, {"/api/file": jobs.file})
     threading.Thread(target=live.warm, daemon=True).start()
     serving = threading.Thread(target=server.serve_forever, kwargs={"poll_interval": 0.1})
     serving.start()

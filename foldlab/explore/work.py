@@ -19,8 +19,12 @@ if TYPE_CHECKING:
     from foldlab.labels.run import Run
     from foldlab.labels.solver import SolverSource
 
+    Solved = tuple[Asked, SolverSource, Run, Label]
+
 WRONG = "something is wrong in foldlab itself; its terminal says what"
 SECONDS = (5, 600)  # core-seconds that may be asked for
+MENDING = 5  # answers of the solver that mending may take, as a rule
+ASKED = ("design", "contact", "accuracy", "seconds")
 Tell = Callable[[str], None]
 
 
@@ -55,27 +59,48 @@ class Desk:
 
     def __init__(self, tell: Tell):
         self.tell = tell
-        self.last: tuple[Asked, SolverSource, Run, Label] | None = None
+        self.last: Solved | None = None
 
     def do(self, kind: str, request: Any) -> dict[str, Any]:
         """The answer to one job; raises :class:`InputError` for what can't be done."""
-        return {"solve": self.solve}[kind](request)
+        return {"solve": self.solve, "mend": self.mend, "export": self.export}[kind](request)
 
     def solve(self, request: Any) -> dict[str, Any]:
         """The solver's path of a design, see :func:`told`."""
-        what, source = asked_of_solver(request)
-        self.tell("solving")
-        run, label = source.follow(what.groups)
-        self.last = what, source, run, label
+        what, source, run, label = self._solved(*asked_of_solver(request))
         self.tell("drawing")
         return told(what, source, run, label)
+
+    def mend(self, request: Any) -> dict[str, Any]:
+        """Designs near by that fold, as the solver confirms without contact:
+        :func:`foldlab.explore.mend.mended`."""
+        from foldlab.explore.mend import mended
+
+        what, source = asked_of_solver({**only(request, ASKED, "a job"), "contact": False})
+        return mended(what, source, self.tell)
+
+    def export(self, request: Any) -> dict[str, Any]:
+        """A ZIP of what is known of a design: :func:`foldlab.explore.export.zipped`."""
+        from foldlab.explore.export import zipped
+
+        last = self._solved(*asked_of_solver(request))
+        return {"name": "foldlab-unit.zip", "content": zipped(*last, self.tell)}
+
+    def _solved(self, what: Asked, source: SolverSource) -> Solved:
+        """The path of a design, followed unless it was the last."""
+        if self.last is None or (self.last[0].groups, self.last[1]) != (what.groups, source):
+            self.tell("solving")
+            run, label = source.follow(what.groups)
+            self.last = what, source, run, label
+        # The same groups may be those of another size.
+        self.last = what, *self.last[1:]
+        return self.last
 
 
 def checked(kind: str, request: Any) -> float:
     """Core-seconds that a job may take; raises :class:`InputError` for what is none."""
-    if kind == "solve":
-        return asked_of_solver(request)[1].timeout
-    raise InputError(f"no job {kind!r}")
+    seconds = asked_of_solver(request)[1].timeout
+    return {"solve": 1, "mend": MENDING, "export": 2}[kind] * seconds
 
 
 def asked_of_solver(request: Any) -> tuple[Asked, SolverSource]:
@@ -84,7 +109,7 @@ def asked_of_solver(request: Any) -> tuple[Asked, SolverSource]:
     from foldlab.labels.asked import Conditions, Effort
     from foldlab.labels.solver import SolverSource
 
-    request = only(request, ("design", "contact", "accuracy", "seconds"), "a job")
+    request = only(request, ASKED, "a job")
     what = asked(request.get("design"))
     effects = "gravity,ground,contact" if switch(request, "contact", True) else "gravity,ground"
     accuracy = number(request, "accuracy", 0.02, (0.002, 0.2))

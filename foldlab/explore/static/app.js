@@ -2,11 +2,12 @@
 import { Controls } from "./controls.js";
 import { RegimeMap } from "./map.js";
 import { Solving } from "./solve.js";
+import { Beside, command, save } from "./beside.js";
 
 const token = location.hash.slice(1);
 const byId = (id) => document.getElementById(id);
 
-export async function ask(path, body = {}) {
+async function fetched(path, body) {
   let answer;
   try {
     answer = await fetch(path, {
@@ -17,10 +18,11 @@ export async function ask(path, body = {}) {
   } catch {
     throw new Error("foldlab explore is not running any more: start it again");
   }
-  const told = await answer.json();
-  if (!answer.ok) throw new Error(told.error);
-  return told;
+  if (!answer.ok) throw new Error((await answer.json()).error);
+  return answer;
 }
+const ask = async (path, body = {}) => (await fetched(path, body)).json();
+const file = async (path, body) => (await fetched(path, body)).blob();
 
 // Runs one question at a time; of those asked meanwhile the last.
 function latest(run) {
@@ -46,7 +48,7 @@ const WORDS = {
 };
 let saying = 0, said = 0;
 
-function show(a) {
+function show(a, clamped) {
   const [kind, sign, word] = WORDS[a.foldable];
   const box = byId("verdict");
   box.className = kind;
@@ -63,24 +65,28 @@ function show(a) {
   const care = [];
   if (early) { box.querySelector(".care").textContent = ""; return; }
   if (a.foldable === null) care.push("Too near the boundary for an answer that is right as often as stated: solve it.");
+  if (clamped.length) care.push(`Brought to the bounds of the groups: ${clamped.join(", ")}.`);
   if (a.outside.length) care.push(`Outside of what the models learned (${a.outside.join(", ")}): they guess.`);
   if (a.nearest_foldable !== null)
     care.push(`Nearest label ${a.nearest_foldable ? "folds" : "does not fold"}, ${(100 * a.nearest_distance).toFixed(1)} % of the bounds away.`);
-  if (a.coverage !== null)
-    care.push(`Of fresh designs of either kind at least ${100 * a.coverage} % are not told the other.`);
+  box.querySelector(".cover").textContent = a.coverage === null ? ""
+    : `Of fresh designs of either kind at least ${100 * a.coverage} % are not told the other.`;
   box.querySelector(".care").textContent = care.join(" ");
   clearTimeout(saying);
   saying = setTimeout(() => { byId("live").textContent = `${word}: ${numbers}`; }, 400);
 }
 
-export const page = { answer: null, listeners: [] };
+// The design that was answered last, and what was said of it.
+const page = { answer: null, design: null };
 
 async function start() {
   const facts = await ask("/api/facts");
   const controls = new Controls(facts, () => { refresh(); });
   const map = new RegimeMap(byId("map"), controls);
   page.controls = controls;
-  page.solving = new Solving(ask, () => page.design);
+  const solving = new Solving(ask, file, page);
+  const beside = new Beside(page, solving, map);
+  byId("save").addEventListener("click", () => save(page, solving));
 
   const redraw = latest(async () => {
     const design = controls.design();
@@ -98,8 +104,10 @@ async function start() {
       page.design = asked;
       trouble("");
       controls.told(told);
-      show(told);
-      page.listeners.forEach((heard) => heard(told));
+      show(told, controls.clamped);
+      byId("command").textContent = command(asked, told);
+      solving.newDesign();
+      beside.refresh();
       if (told.probability === null) { setTimeout(answer, 250); return; }
       byId("verdict").dataset.by = "models";
     } catch (error) { trouble(error.message); return; } finally { said += 1; byId("verdict").dataset.answers = said; }

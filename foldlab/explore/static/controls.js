@@ -33,6 +33,7 @@ export class Controls {
     this.passive = facts.first.passive;
     this.active = facts.first.active;
     this.groups = {};
+    this.clamped = []; // groups that had to come to a bound
     this.values = { ...this.given };
     for (const role of ["passive", "active"]) {
       const list = byId(role);
@@ -57,6 +58,7 @@ export class Controls {
 
   // By slider, map or keyboard.
   set(changes) {
+    this.clamped = [];
     const kept = this.mode === "sizes" ? this.given : this.groups;
     for (const [name, value] of Object.entries(changes)) {
       kept[name] = value;
@@ -81,10 +83,13 @@ export class Controls {
       this.groups = {};
       // The last digit of a conversion may lie beyond a bound; what is far out comes to its end.
       for (const p of this.parameters) this.groups[p.name] = Math.min(p.high, Math.max(p.low, told.groups[p.name]));
+      const off = (p) => Math.abs(this.groups[p.name] / told.groups[p.name] - 1) > 1e-6;
+      this.clamped = this.parameters.filter(off).map((p) => p.symbol);
       this.values = { ...this.groups };
     } else {
       const { g_earth, ...physical } = told.physical;
       this.given = physical;
+      this.clamped = [];
       this.values = { ...physical };
     }
     byId("active-row").hidden = mode === "groups";

@@ -4,7 +4,7 @@ import { digits, factorOf, fromUnit, signOf, unitOf } from "./controls.js";
 // cividis, which looks the same to the colour-blind.
 const CIVIDIS = ["#00224e", "#123570", "#3b496c", "#575d6d", "#707173", "#8a8678", "#a59c74", "#c3b369", "#e1cc55", "#fee838"]
   .map((c) => [1, 3, 5].map((k) => parseInt(c.slice(k, k + 2), 16)));
-const MARGIN = { left: 58, right: 12, top: 8, bottom: 42 };
+const MARGIN = { left: 58, right: 22, top: 8, bottom: 42 };
 const SVG = "http://www.w3.org/2000/svg";
 
 export function unpacked(text, Kind = Float32Array) {

@@ -39,6 +39,12 @@ function box(frames) {
   return { low, high };
 }
 
+// The largest strain in all frames.
+export function strained(answer) {
+  answer.most ??= Math.max(1e-9, ...answer.frames.flatMap((f) => Object.values(f.layers).map((l) => surface(l).strain.reduce((a, b) => Math.max(a, b), 0))));
+  return answer.most;
+}
+
 export class Shape {
   constructor(home) {
     this.home = home;
@@ -48,8 +54,8 @@ export class Shape {
   }
 
   // Draws the last of the frames asked for while it was drawing.
-  async draw(answer, frame, colours) {
-    this.next = [answer, frame, colours];
+  async draw(answer, frame, colours, most = strained(answer)) {
+    this.next = [answer, frame, colours, most];
     if (this.busy) return;
     this.busy = true;
     try {
@@ -67,10 +73,11 @@ export class Shape {
     } finally { this.busy = false; }
   }
 
-  figure(answer, frame, colours) {
+  figure(answer, frame, colours, most) {
     answer.box ??= box(answer.frames);
-    answer.most ??= Math.max(...answer.frames.flatMap((f) => Object.values(f.layers).flatMap((l) => [...surface(l).strain])), 1e-9);
-    const { low, high } = answer.box, traces = [], top = Math.log10(100 * answer.most);
+    const { low, high } = answer.box, traces = [], top = Math.log10(100 * most);
+    // Farther off where there is less room.
+    const off = this.home.clientWidth < 520 ? 1.5 : 1.05;
     for (const [name, layer] of Object.entries(frame.layers)) {
       const { points, triangles, strain } = surface(layer);
       const trace = {
@@ -87,7 +94,7 @@ export class Shape {
       else trace.color = COLOURS[name];
       traces.push(trace);
     }
-    const pad = 0.08, [x0, y0] = [low[0] - pad, low[1] - pad], [x1, y1] = [high[0] + pad, high[1] + pad];
+    const pad = 0.08, [x0, y0] = [low[0] - pad, low[1] - pad], [x1, y1] = [high[0] + pad, high[1] + pad], edge = 0.01;
     traces.push({
       type: "mesh3d", name: "ground", x: [x0, x1, x1, x0], y: [y0, y0, y1, y1], z: [-0.002, -0.002, -0.002, -0.002],
       i: [0, 0], j: [1, 2], k: [2, 3], color: COLOURS.ground, hoverinfo: "skip",
@@ -97,18 +104,19 @@ export class Shape {
     for (let d = Math.ceil(top - DECADES); d <= top; d++) whole.push(d);
     const hidden = { visible: false };
     return [traces, {
-      margin: { l: 0, r: 0, t: 0, b: 0 }, showlegend: false, uirevision: "view", paper_bgcolor: "#fff",
+      margin: { l: 0, r: 0, t: 0, b: 0 }, showlegend: false, uirevision: `view ${off}`, paper_bgcolor: "#fff",
       coloraxis: {
         colorscale: "Viridis", cmin: top - DECADES, cmax: top,
         colorbar: {
-          title: { text: "elastic strain, %", side: "right" }, thickness: 12, len: 0.85, x: 1,
+          title: { text: "elastic strain, %", side: "top" }, orientation: "h", thickness: 10, len: 0.8,
+          x: 0.5, y: 0, yanchor: "bottom",
           tickvals: whole, ticktext: whole.map((d) => String(Number((10 ** d).toPrecision(1)))),
         },
       },
       scene: {
-        aspectmode: "data", xaxis: { ...hidden, range: [x0, x1] }, yaxis: { ...hidden, range: [y0, y1] },
-        zaxis: { ...hidden, range: [Math.min(low[2], -0.002), high[2]] },
-        camera: { eye: { x: 1.05, y: -0.75, z: 0.45 }, projection: { type: "orthographic" } },
+        aspectmode: "data", xaxis: { ...hidden, range: [x0 - edge, x1 + edge] }, yaxis: { ...hidden, range: [y0 - edge, y1 + edge] },
+        zaxis: { ...hidden, range: [Math.min(low[2], 0) - 0.02, high[2] + 0.02] },
+        camera: { eye: { x: off, y: -0.7 * off, z: 0.42 * off } },
       },
     }];
   }

@@ -1,4 +1,5 @@
 // A job of the solver: started, watched, cancelled, and what came of it.
+import { shown } from "./controls.js";
 import { Shape } from "./shape.js";
 
 const byId = (id) => document.getElementById(id);
@@ -36,16 +37,25 @@ export function list(home, told) {
   }));
 }
 
+export function download(name, blob) {
+  const link = Object.assign(document.createElement("a"), { href: URL.createObjectURL(blob), download: name });
+  link.click();
+  setTimeout(() => URL.revokeObjectURL(link.href), 60000);
+}
+
 export class Solving {
-  constructor(ask, design) {
+  constructor(ask, file, page) {
     this.ask = ask;
-    this.design = design;
-    this.answer = null;
+    this.file = file;
+    this.page = page;
+    this.answer = null; // of the solver, and the design that it is of
     this.solved = null;
-    this.heard = [];
+    this.changed = this.moved = () => {};
     this.shape = new Shape(byId("shape"));
     byId("solve").addEventListener("click", () => this.solve());
     byId("cancel").addEventListener("click", () => this.cancel());
+    byId("mend").addEventListener("click", () => this.mend());
+    byId("export").addEventListener("click", () => this.export());
     byId("frame").addEventListener("input", () => this.frame());
     byId("colours").addEventListener("change", () => this.frame());
     document.addEventListener("keydown", (e) => {
@@ -55,7 +65,7 @@ export class Solving {
 
   options() {
     return {
-      design: this.design(), contact: byId("contact").checked,
+      design: this.page.design, contact: byId("contact").checked,
       accuracy: Number(byId("accuracy").value), seconds: Number(byId("budget").value),
     };
   }
@@ -107,8 +117,52 @@ export class Solving {
     list(byId("solved"), facts(answer));
     byId("frame").max = Math.max(0, answer.frames.length - 1);
     byId("frame").value = byId("frame").max;
+    this.newDesign();
     this.frame();
-    this.heard.forEach((hear) => hear());
+    this.changed();
+  }
+
+  // Whether the path shown is that of the design that is set.
+  get current() { return JSON.stringify(this.solved) === JSON.stringify(this.page.design); }
+
+  newDesign() {
+    byId("caption").textContent = this.current ? "This design" : "An earlier design: solve again for this one";
+    byId("shapes").classList.toggle("earlier", !this.current);
+  }
+
+  async mend() {
+    const { contact, ...asked } = this.options();
+    byId("mended").hidden = true;
+    const told = await this.run("mend", asked, "Making it fold");
+    if (!told) return;
+    byId("mended").hidden = false;
+    byId("mended").querySelector("p").textContent = `${told.said[0].toUpperCase()}${told.said.slice(1)}.`;
+    byId("mended").querySelector("ul").replaceChildren(...told.options.map((option) => this.option(option)));
+  }
+
+  option(option) {
+    const { sizes, groups } = this.page.controls.facts, item = document.createElement("li");
+    const parameters = option.design.quantities ? sizes : groups;
+    const changes = option.changes.map(({ name, from, to }) => {
+      const p = parameters.find((q) => q.name === name);
+      return `${option.design.quantities ? name : p.symbol} from ${shown(p, from)} to ${shown(p, to)}`;
+    });
+    const off = option.error_m1 === null ? "" : ` ± ${degrees(option.error_m1, 2)}`;
+    item.textContent = `${changes.join(", ")}: folds by ${degrees(option.fold_angle)}${off}, confirmed by the solver. `;
+    const take = Object.assign(document.createElement("button"), { type: "button", textContent: "Take it" });
+    take.setAttribute("aria-label", `Take ${changes.join(", ")}`);
+    take.addEventListener("click", () => this.page.controls.take(option.design));
+    item.append(take);
+    return item;
+  }
+
+  async export() {
+    const told = await this.run("export", this.options(), "Exporting");
+    if (!told) return;
+    try {
+      download(told.name, await this.file("/api/file", { job: this.job }));
+      this.say(`${told.name}, ${number(told.bytes / 1e6, 2)} MB, is in your downloads.`);
+    } catch (error) { this.say(error.message, true); }
   }
 
   frame() {
@@ -118,7 +172,7 @@ export class Solving {
     const says = `${number(100 * frame.contraction)} %: angle ${degrees(frame.m1)}`;
     byId("frame-says").textContent = says;
     byId("frame").setAttribute("aria-valuetext", says);
-    this.shape.draw(a, frame, byId("colours").value);
-    this.moved?.(frame.contraction);
+    this.shape.draw(a, frame, byId("colours").value, this.most?.());
+    this.moved();
   }
 }

@@ -1,10 +1,13 @@
 """The page in a browser without a screen: sliders, verdict, map, solver, shapes, and by keys."""
 
+import json
 import os
 import re
 import shutil
 import subprocess
 import sys
+import zipfile
+from pathlib import Path
 
 import pytest
 
@@ -161,6 +164,44 @@ def test_a_solve_can_be_cancelled_and_shows_its_shapes(page):
     page.wait_for_selector(f"#shape[data-frame='{last - 1}']")
     assert len(page.evaluate("document.getElementById('shape').data")) == 3
     assert page.evaluate("document.getElementById('shape').data[0].intensity.length") > 100
+
+
+def test_a_design_is_pinned_made_to_fold_and_compared(page):
+    page.click("#pin")
+    page.focus("#s-h_s")
+    answered(page, lambda: page.keyboard.press("PageUp"))
+    page.wait_for_selector("#verdict.stays")
+    table = page.inner_text("#compare table")
+    assert "folds, chance 9" in table and "does not fold" in table and "0.1 mm" in table
+    assert "40 mm" not in table
+    page.check("#same")
+    assert "40 mm" in page.inner_text("#compare table")
+    page.select_option("#accuracy", "0.05")
+    page.click("#mend")
+    page.wait_for_selector("#mended li button", timeout=SOON)
+    told = page.inner_text("#mended li >> nth=0")
+    assert told.startswith("h_s from ") and "confirmed by the solver" in told
+    answered(page, lambda: page.click("#mended li button >> nth=0"))
+    page.wait_for_selector("#verdict.folds")
+    answered(page, lambda: page.click("#back"))
+    assert page.input_value("[data-name=h_s] input[type=text]") == "0.1 mm"
+    page.click("#unpin")
+    page.wait_for_selector("#compare", state="hidden")
+
+
+def test_the_design_and_its_files_are_exported(page):
+    with page.expect_download() as saved:
+        page.click("#save")
+    design = json.loads(Path(saved.value.path()).read_text(encoding="utf-8"))
+    assert design["physical"]["l_s"] == 0.04 and design["models"]["foldable"] is True
+    page.select_option("#accuracy", "0.05")
+    with page.expect_download(timeout=SOON) as sent:
+        page.click("#export")
+    assert sent.value.suggested_filename == "foldlab-unit.zip"
+    with zipfile.ZipFile(sent.value.path()) as archive:
+        assert {"result.json", "shapes.png", "make/cut.dxf"} <= set(archive.namelist())
+    assert "in your downloads" in page.inner_text("#job")
+    assert page.text_content("#command").startswith('foldlab check --passive "polyester film"')
 
 
 @pytest.mark.parametrize("width", [1280, 400])
