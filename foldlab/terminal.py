@@ -100,6 +100,8 @@ def emit(result: dict[str, Any], as_json: bool, rows: list[dict] | None = None) 
 def _cell(value: Any) -> str:
     if value is None:
         return "–"
+    if isinstance(value, tuple):
+        return f"({', '.join(map(_cell, value))})"
     return f"{value:.4g}" if isinstance(value, float) else str(value)
 
 

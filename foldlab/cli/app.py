@@ -22,11 +22,42 @@ from foldlab.terminal import NotReached, note, with_records
 # Where each verb is (module of foldlab.cli, or another one by its whole name), and the first
 # sentence of its help: told before it is imported, so that --help answers at once and a verb loads
 # only its own.
-VERBS = {
+UNIT = {
     "check": (
         "check",
         "Will my unit fold under its weight, how sure is that, and what shall I change?",
     ),
+    "explore": (
+        "foldlab.explore.verb",
+        "Set a unit by hand on a page of this machine: verdict at once, map, shapes, files.",
+    ),
+    "design": (
+        "design",
+        "Propose designs for a wish, such as an angle, and let the solver confirm them.",
+    ),
+    "simulate": (
+        "simulate",
+        "Fold one design on the solver: verdict, curves, a series for ParaView, pictures.",
+    ),
+    "structure": (
+        "structure",
+        "Does a sheet with many hinges fold under its weight, and which hinge fails, and why?",
+    ),
+    "predict": (
+        "predict",
+        "Predict folding: probability, verdict or don't know, angle, nearest label",
+    ),
+    "map": ("maps", "Draw what folds, slice by slice, and where a model is wrong."),
+    "materials": (
+        "check",
+        "List the materials with the ranges of their properties, and what those rest on.",
+    ),
+    "quickstart": (
+        "quickstart",
+        "Sample, label, train, compare, map and track; fold, design and map under weight",
+    ),
+}
+STUDY = {
     "sample": (
         "label_verbs",
         "Draw designs by Latin hypercube, uniform on each group's own scale.",
@@ -36,21 +67,8 @@ VERBS = {
         "Label designs into a store; what the store holds already is not computed again.",
     ),
     "export": ("label_verbs", "Write the labels of a store to one flat table."),
-    "simulate": (
-        "simulate",
-        "Fold one design on the solver: verdict, curves, a series for ParaView, pictures.",
-    ),
-    "structure": (
-        "structure",
-        "Does a sheet with many hinges fold under its weight, and which hinge fails, and why?",
-    ),
     "train": ("learn", "Train a model on labels"),
     "score": ("learn", "Score a trained model on a table of labels"),
-    "predict": (
-        "predict",
-        "Predict folding: probability, verdict or don't know, angle, nearest label",
-    ),
-    "map": ("maps", "Draw a regime map (Figs. 4.28, 4.29)"),
     "augment": (
         "learn",
         "Spend labels near the boundary (Algorithm 5) and at random; compare the labels needed.",
@@ -63,20 +81,8 @@ VERBS = {
         "label_verbs",
         "Run one of the experiments that the documentation's tables come from, or list them.",
     ),
-    "design": ("design", "Propose designs for a wish"),
-    "explore": (
-        "foldlab.explore.verb",
-        "Set a unit by hand on a page of this machine: verdict at once, map, shapes, files.",
-    ),
-    "materials": (
-        "check",
-        "List the materials with the ranges of their properties, and what those rest on.",
-    ),
-    "quickstart": (
-        "quickstart",
-        "Sample, label, train, compare, map and track; fold, design and map under weight",
-    ),
 }
+VERBS = UNIT | STUDY
 
 
 def function_of(verb: str) -> Callable:
@@ -98,7 +104,8 @@ class Verbs(TyperGroup):
         if cmd_name not in VERBS:
             return None
         if self._listing:
-            return TyperCommand(cmd_name, help=VERBS[cmd_name][1])
+            panel = "For a unit" if cmd_name in UNIT else "For a study of many"
+            return TyperCommand(cmd_name, help=VERBS[cmd_name][1], rich_help_panel=panel)
         verb = function_of(cmd_name)
         alone = typer.Typer(add_completion=False, pretty_exceptions_enable=False)
         alone.command(cmd_name)(with_records(verb))

@@ -179,11 +179,11 @@ def design(
     seed: Seed = 0,
     as_json: Json = False,
 ) -> None:
-    """Propose designs for a wish; --set fixes a group or a quantity, in SI units or with a unit;
-    strips and strip_share cut the active layer.
+    """Propose designs for a wish, such as an angle, and let the solver confirm them.
 
-    Where the scale is known (materials and a length, or stiffness_to_weight) designs feel their
-    weight, and the solver confirms each with its tolerances.
+    --set fixes a group or a quantity, in SI units or with a unit; strips and strip_share cut the
+    active layer. Where the scale is known (materials and a length, or stiffness_to_weight) designs
+    feel their weight, and the solver confirms each with its tolerances.
     """
     from foldlab.inverse.wish import Wish, scales_of
     from foldlab.labels.sources import make_source

@@ -49,8 +49,10 @@ def map_(
     given: Given,
     as_json: Json = False,
 ) -> None:
-    """Draw a regime map (Figs. 4.28, 4.29); --set fixes the groups that are not on an axis, others
-    are held in the middle of their bounds."""
+    """Draw what folds, slice by slice, and where a model is wrong.
+
+    --set fixes the groups that are not on an axis; others are held in the middle of their bounds.
+    """
     from foldlab.labels.sources import make_source
     from foldlab.labels.timoshenko import TimoshenkoSource
     from foldlab.learning.saving import load_model, shipped_for

@@ -49,6 +49,14 @@ def test_the_help_of_the_command_line_loads_nothing_heavy(arguments):
     assert "0.1.0" in printed if arguments == ["--version"] else "quickstart" in printed
 
 
+def test_the_help_has_verbs_for_a_unit_before_those_for_a_study(capsys):
+    with pytest.raises(SystemExit):
+        app.app(["--help"])
+    told = capsys.readouterr().out
+    assert told.index("For a unit") < told.index(" check ") < told.index("For a study of many")
+    assert told.index("For a study of many") < told.index(" sample ")
+
+
 @pytest.mark.parametrize("verb", app.VERBS)
 def test_a_verb_is_listed_with_the_beginning_of_its_help(verb):
     _, sentence = app.VERBS[verb]

@@ -23,3 +23,8 @@ def test_brackets_are_printed_and_are_no_markup(capsys):
     head, _, first, second, last = capsys.readouterr().out.splitlines()
     assert head.strip() == "what [SI]" and first.strip() == words and second.strip() == "[b]x"
     assert last == f"told: {words}"
+
+
+def test_numbers_of_a_pair_have_as_many_digits_as_single_ones(capsys):
+    emit({"interval": (0.8380132448, 1.0), "of": ("a", None, 3)}, False)
+    assert capsys.readouterr().out == "interval: (0.838, 1)\nof: (a, –, 3)\n"
