@@ -131,6 +131,20 @@ def test_figures_of_accuracy_and_cost_are_those_of_the_readme_and_have_a_command
         assert all((ROOT / "experiments" / f"{name}.py").exists() for name in names)
 
 
+def test_every_picture_is_in_the_gallery_with_what_makes_it():
+    found = re.findall(r"!\[[^]]+\]\((\w+\.png)\)\n\n(.*?)(?=\n\n)", PAGES["gallery"], re.DOTALL)
+    assert sorted(name for name, _ in found) == sorted(
+        p.name for p in (ROOT / "docs").glob("*.png")
+    )
+    for name, caption in found:
+        assert (ROOT / "docs" / name).stat().st_size < 200_000
+        assert re.search(r"`out/[\w/]+\.png` of\s", caption), name
+        if run := re.search(r"`python -m experiments\.(\w+)", caption):
+            assert (ROOT / "experiments" / f"{run.group(1)}.py").exists(), name
+        else:
+            assert "`foldlab simulate" in caption, name
+
+
 def test_it_is_cited_by_the_version_that_there_is():
     cited = yaml.safe_load((ROOT / "CITATION.cff").read_text(encoding="utf-8"))
     assert cited["version"] == foldlab.__version__ and cited["license"] == "MIT"
