@@ -24,6 +24,9 @@ Sets = Annotated[
 ]
 Config = Annotated[Path | None, typer.Option("--config", help="TOML file of settings.")]
 Space = Annotated[str, typer.Option("--space", help="Design space: reduced, full or patterned.")]
+Track = Annotated[
+    bool, typer.Option("--track", help="Log settings, figures and files of this run to MLflow.")
+]
 Workers = Annotated[int, typer.Option("--workers", min=1, help="Worker processes.")]
 
 

@@ -15,9 +15,17 @@ import subprocess
 import tempfile
 import time
 import warnings
-from collections.abc import Iterator, Mapping
-from contextlib import chdir, closing, contextmanager, suppress
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import (
+    AbstractContextManager,
+    chdir,
+    closing,
+    contextmanager,
+    nullcontext,
+    suppress,
+)
 from dataclasses import dataclass
+from functools import partial
 from importlib import metadata
 from pathlib import Path
 from typing import Any
@@ -27,7 +35,8 @@ from filelock import FileLock
 
 import foldlab
 from foldlab.errors import InputError
-from foldlab.packaged import needed_for
+from foldlab.packaged import installed, missing, needed_for
+from foldlab.terminal import plain
 
 ROOT = Path("mlruns")
 ARTIFACTS = ROOT / "artifacts"
@@ -68,6 +77,20 @@ class Run:
         """Log a Matplotlib figure as ``figures/NAME.png``."""
         with chdir(self._folder):
             self._mlflow.log_figure(figure, f"figures/{name}.png")
+
+    def files(self, path: Path) -> None:
+        """Log a file, or all that a folder holds, under its own name."""
+        path = Path(path).resolve()
+        with chdir(self._folder):
+            if path.is_dir():
+                self._mlflow.log_artifacts(str(path), path.name)
+            else:
+                self._mlflow.log_artifact(str(path))
+
+    def answer(self, values: Mapping[str, Any]) -> None:
+        """Log what a verb answers as ``answer.json``."""
+        with chdir(self._folder):
+            self._mlflow.log_dict(plain(values), "answer.json")
 
     def model(self, name: str, fitted, example: pd.DataFrame) -> str:
         """Log a fitted model with its signature and an input example (a few designs); its address.
@@ -125,9 +148,39 @@ def _requirements(*packages: str) -> list[str]:
     return [f"{name}=={metadata.version(name)}" for name in (*packages, "numpy", "foldlab")]
 
 
+class Unlogged:
+    """In place of a :class:`Run` where nobody asked for one."""
+
+    def __getattr__(self, name: str) -> Callable:
+        return lambda *given, **more: None
+
+
+def asked(wanted: bool) -> Callable[..., AbstractContextManager[Run | Unlogged]]:
+    """:func:`track` for a verb, which calls it once it has its result: of input that is refused no
+    run is left. The run's seconds count from here.
+
+    Raises :class:`InputError` where MLflow is wanted and not installed, or its database is damaged.
+    """
+    if not wanted:
+        return lambda *given, **more: nullcontext(Unlogged())
+    if not installed("mlflow"):
+        raise missing(ModuleNotFoundError(name="mlflow"), "--track")
+    if not os.environ.get("MLFLOW_TRACKING_URI"):
+        _check(ROOT / "mlflow.db")
+    return partial(track, start=time.perf_counter())
+
+
 @contextmanager
-def track(experiment: str, config: Mapping[str, Any], *, seed: int | None = None) -> Iterator[Run]:
+def track(
+    experiment: str,
+    config: Mapping[str, Any],
+    *,
+    seed: int | None = None,
+    start: float | None = None,
+) -> Iterator[Run]:
     """Open a run of ``experiment``; its status and seconds are logged even if the body raises.
+
+    ``start``: what ``time.perf_counter`` said when what is logged began; now where not given.
 
     Inside a run of the caller's own it becomes a child of that run, in the caller's database. A
     deleted experiment is restored, without the runs that were deleted with it.
@@ -141,7 +194,7 @@ def track(experiment: str, config: Mapping[str, Any], *, seed: int | None = None
     given = os.environ.get("MLFLOW_TRACKING_URI")
     inside = mlflow.active_run() is not None
     uri = mlflow.get_tracking_uri() if inside else given or _local_uri()
-    start = time.perf_counter()
+    start = time.perf_counter() if start is None else start
     with warnings.catch_warnings():
         # MLflow's own calls into SQLAlchemy, pydantic and protobuf; nothing a user could mend.
         warnings.simplefilter("ignore")

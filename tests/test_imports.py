@@ -54,7 +54,7 @@ MAY = {
     "foldlab.plots": set(),
     "foldlab.terminal": set(),
     "foldlab.datasets": set(),
-    "foldlab.tracking": {"foldlab.learning"},
+    "foldlab.tracking": {"foldlab.learning", "foldlab.terminal"},
     "foldlab.labels": {
         "foldlab.datasets", "foldlab.memory", "solver.cases.unit", "solver.equilibrium"
     },

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from contextlib import ExitStack, nullcontext
 from dataclasses import asdict, dataclass
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
@@ -14,7 +15,7 @@ from foldlab.cli.proposed import SHOWN_AS, as_asked, made_of, make_each, need_si
 from foldlab.design import space_named
 from foldlab.errors import InputError
 from foldlab.quantities import in_si, numbers
-from foldlab.terminal import Given, Json, NotReached, Seed, Workers, emit, err, note
+from foldlab.terminal import Given, Json, NotReached, Seed, Track, Workers, emit, err, note
 
 if TYPE_CHECKING:
     from foldlab.inverse.answer import Answer
@@ -176,6 +177,7 @@ def design(
     judges: Judges,
     workers: Workers = 1,
     files: Files = None,
+    track: Track = False,
     seed: Seed = 0,
     as_json: Json = False,
 ) -> None:
@@ -187,8 +189,11 @@ def design(
     """
     from foldlab.inverse.wish import Wish, scales_of
     from foldlab.labels.sources import make_source
+    from foldlab.tracking import asked as tracked
 
     want, fixed = aim.read(), numbers(given.read())
+    said = {**asdict(aim), **asdict(limits), **asdict(judges), **fixed, "n": n}
+    log = partial(tracked(track), "design", said, seed=seed)
     wish = Wish(want=want, fixed=fixed, **limits.read())
     if judges.weightless:
         why = ""
@@ -200,7 +205,7 @@ def design(
         why = "the full space has weight" if space == "full" and judges.source is None else ""
     asked = space == "full" and judges.source in ("solver", "rod") and not judges.weightless
     if not (why or asked):
-        _light(n, wish, space or "reduced", judges, files, seed, as_json)
+        _light(n, wish, space or "reduced", judges, files, log, seed, as_json)
         return
     named = judges.source or "solver"
     _refuse(named, space, judges, want, why)
@@ -209,7 +214,7 @@ def design(
     settings = {"timeout": judges.timeout} if named == "solver" else {}
     source = as_asked(wish, make_source(named, settings, space=chosen))
     model = None if judges.model is None else judges.trained("full")
-    _heavy(n, wish, source, model, judges.confirm is not False, workers, files, seed, as_json)
+    _heavy(n, wish, source, model, judges.confirm is not False, workers, files, log, seed, as_json)
 
 
 def _refuse(source: str, space: str | None, judges: Judges, want: Any, why: str) -> None:
@@ -233,7 +238,7 @@ def _refuse(source: str, space: str | None, judges: Judges, want: Any, why: str)
         )
 
 
-def _heavy(n, wish: Wish, source, model, confirm: bool, workers, files, seed, as_json) -> None:
+def _heavy(n, wish: Wish, source, model, confirm: bool, workers, files, log, seed, as_json) -> None:
     """Designs under their weight."""
     from foldlab.campaign.worker import pool
     from foldlab.inverse.weighted import weighted
@@ -250,6 +255,7 @@ def _heavy(n, wish: Wish, source, model, confirm: bool, workers, files, seed, as
         result = made_of(answer, source)
         if draft is not None:
             result["made"] = {"folder": str(files), "units": make_each(draft, answer)}
+    _log(log, result, files)
     if as_json:
         emit(result, True)
     else:
@@ -261,7 +267,7 @@ def _heavy(n, wish: Wish, source, model, confirm: bool, workers, files, seed, as
         raise NotReached(answer.reason)
 
 
-def _light(n, wish: Wish, space: str, judges: Judges, files, seed, as_json) -> None:
+def _light(n, wish: Wish, space: str, judges: Judges, files, log, seed, as_json) -> None:
     """Designs that weigh nothing."""
     from dataclasses import replace
 
@@ -307,9 +313,19 @@ def _light(n, wish: Wish, space: str, judges: Judges, files, seed, as_json) -> N
         result = {**answer.as_dict(), "weightless": True}
         if draft is not None:
             result["made"] = {"folder": str(files), "units": make_each(draft, answer)}
+    _log(log, result, files)
     emit(result, as_json, rows(answer))
     if not answer.complete:
         raise NotReached(answer.reason)
+
+
+def _log(log, result: dict[str, Any], files: Path | None) -> None:
+    """Tells MLflow the answer, where that was asked for."""
+    with log() as run:
+        run.metrics(result)
+        run.answer(result)
+        if files is not None:
+            run.files(files)
 
 
 def _ranges(pairs) -> dict[str, tuple[float, float]]:

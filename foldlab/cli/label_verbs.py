@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from contextlib import ExitStack
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Annotated
 
 import typer
@@ -13,7 +14,7 @@ from foldlab.cli.outputs import check_file, tell_slow
 from foldlab.design import space_named, space_of
 from foldlab.errors import InputError
 from foldlab.tables import SUFFIXES, read_table, write_table
-from foldlab.terminal import Given, Json, NotReached, Seed, Space, emit, note
+from foldlab.terminal import Given, Json, NotReached, Seed, Space, Track, emit, note
 
 
 def sample(
@@ -51,6 +52,7 @@ def label(
         bool, typer.Option("--retry-unknown", help="Compute labels again that ended unknown.")
     ] = False,
     given: Given,
+    track: Track = False,
     as_json: Json = False,
 ) -> None:
     """Label designs into a store; what the store holds already is not computed again.
@@ -61,12 +63,14 @@ def label(
     from foldlab.labels.foldability import THICK_HINGE, thick_hinge
     from foldlab.labels.sources import make_source
     from foldlab.labels.store import LabelStore
+    from foldlab.tracking import asked
 
     if dask is not None and workers is not None:
         raise InputError("--workers are processes here and --dask is a cluster; give one of them")
     table = read_table(designs)
     space = space_of(table)
-    maker = make_source(source, given.read(), space=space)
+    settings = given.read()
+    maker = make_source(source, settings, space=space)
     table = space.validate(table)
     if source == "solver":
         thick = int(thick_hinge(table).sum())
@@ -76,6 +80,7 @@ def label(
                 f"hinge is long: {THICK_HINGE}"
             )
     check_file(out)
+    log = asked(track)
     if not hasattr(maker, "label_many"):
         tell_slow()
     with ExitStack() as stack:
@@ -89,6 +94,18 @@ def label(
         report = run_campaign(
             table, maker, store, retry_unknown=retry_unknown, progress=not as_json, **options
         )
+        said = {
+            "designs": designs,
+            "source": source,
+            "store": out,
+            "workers": workers,
+            "dask": dask,
+        }
+        with log("label", {**said, **settings}) as run, TemporaryDirectory() as folder:
+            run.metrics(report.as_dict())
+            if track:
+                store.export(Path(folder) / "labels.parquet", source=source)
+                run.files(Path(folder) / "labels.parquet")
     reasons = [{"unknown because": why, "labels": n} for why, n in report.reasons.items()]
     emit({**report.as_dict(), "store": out}, as_json, reasons)
     if not report.complete:

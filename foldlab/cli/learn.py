@@ -14,7 +14,7 @@ from foldlab.design import space_named, space_of
 from foldlab.errors import InputError
 from foldlab.settings import build
 from foldlab.tables import read_table, write_table
-from foldlab.terminal import Given, Json, Seed, Space, Workers, emit, note
+from foldlab.terminal import Given, Json, Seed, Space, Track, Workers, emit, note
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -42,14 +42,17 @@ def train(
     overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace a saved model.")] = False,
     seed: Seed = 0,
     given: Given,
+    track: Track = False,
     as_json: Json = False,
 ) -> None:
     """Train a model on labels; --set passes the model's own settings, as in --set epochs=500."""
     from foldlab.learning.saving import check_target, save_model
     from foldlab.learning.train import train_on
+    from foldlab.tracking import asked
 
     table, options = read_table(labels), given.read()
     check_target(out, overwrite)
+    log = asked(track)
     with only_whole(out):
         fitted, result = train_on(
             table,
@@ -61,6 +64,10 @@ def train(
             options=options,
         )
         save_model(fitted, out, result, overwrite=overwrite)
+    said = {"labels": labels, "holdout": holdout, "rate": rate, "coverage": coverage, **options}
+    with log("train", {**said, "model": model, "folder": out}, seed=seed) as run:
+        run.metrics(result)
+        run.model(model, fitted, table[space_of(table).names].head(5))
     emit({**result, "folder": out}, as_json)
 
 

@@ -18,7 +18,7 @@ from foldlab.cli.check import Made, Need
 from foldlab.cli.outputs import output_folder, tell_slow
 from foldlab.errors import InputError
 from foldlab.quantities import numbers
-from foldlab.terminal import Given, Json, NotReached, emit, note
+from foldlab.terminal import Given, Json, NotReached, Track, emit, note
 from foldlab.unit.record import (
     WEIGHT,
     _warn,
@@ -182,6 +182,7 @@ def simulate(
     out: Annotated[Path, typer.Option("-o", "--out", help="Folder for results.")] = (
         Path("out/simulate")
     ),
+    track: Track = False,
     as_json: Json = False,
 ) -> None:
     """Fold one design on the solver: verdict, curves, a series for ParaView, pictures.
@@ -193,6 +194,7 @@ def simulate(
     """
     from foldlab.labels.foldability import THICK_HINGE, thick_hinge
     from foldlab.labels.forecast import forecast
+    from foldlab.tracking import asked as tracked
 
     groups = numbers(given.read())
     if made.asked(groups):
@@ -207,6 +209,7 @@ def simulate(
         )
     if not source.conditions.heavy and "stiffness_to_weight" in groups:
         _warn("stiffness_to_weight acts on nothing without gravity among the effects")
+    log = tracked(track)
     with output_folder(out):
         tell_slow()
         expected = forecast(design, source)
@@ -229,6 +232,11 @@ def simulate(
             if not asked.no_pictures:
                 files += draw(out, label, run, source, animate=asked.animate)
     result["files"] = [str(out / name) for name in files]
+    with log("simulate", {**design, **asdict(solving)}) as tracker:
+        for prefix, part in (("", result), ("measures.", result["measures"] or {})):
+            tracker.metrics(part, prefix=prefix)
+        for name in files:
+            tracker.files(out / name if name != "series/unit.pvd" else out / "series")
     if as_json:
         emit(result, True)
     else:
