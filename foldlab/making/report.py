@@ -16,6 +16,7 @@ from matplotlib.figure import Figure
 from foldlab.making.drawing import Drawing, millimetres
 from foldlab.making.vector import svg
 from foldlab.plots import LINES, STYLE
+from foldlab.unit.told import in_degrees
 
 if TYPE_CHECKING:
     from foldlab.making.folder import Dossier
@@ -207,9 +208,7 @@ def _row(name: str, words: str) -> str:
 
 def as_html(words: object) -> str:
     """Words with angles in degrees and symbols as symbols."""
-    text = re.sub(
-        r"(\d+(?:\.\d+)?) rad\b", lambda m: f"{np.degrees(float(m[1])):.3g}°", escape(str(words))
-    )
+    text = in_degrees(escape(str(words)))
     text = re.sub(r"\b(E|rho|l|b|h)_([si])\b", r"<i>\1</i><sub>\2</sub>", text)
     return text.replace("<i>rho</i>", "<i>ρ</i>")
 
