@@ -4,6 +4,7 @@ A page's blocks run in their order, in one folder and one session of Python; a b
 a file there.
 """
 
+import inspect
 import os
 import re
 import subprocess
@@ -19,6 +20,7 @@ import yaml
 import foldlab
 from foldlab import FULL, LabelStore, load_dataset
 from foldlab.datasets import card
+from foldlab.unit.told import readable
 
 ROOT = Path(__file__).parent.parent
 README = (ROOT / "README.md").read_text(encoding="utf-8")
@@ -143,6 +145,14 @@ def test_every_picture_is_in_the_gallery_with_what_makes_it():
             assert (ROOT / "experiments" / f"{run.group(1)}.py").exists(), name
         else:
             assert "`foldlab simulate" in caption, name
+
+
+def test_every_line_of_an_answer_is_explained_in_its_order():
+    body = inspect.getsource(readable).partition("return {")[2]
+    lines = re.findall(r'^        "([a-z_ ]+)": |\{"(to make it)"', body, re.MULTILINE)
+    told = re.findall(r"^\| (`.+?`) \|", PAGES["unit"], re.MULTILINE)
+    assert re.findall(r"`([^`]+)`", " ".join(told)) == ["".join(pair) for pair in lines]
+    assert len(lines) == 12
 
 
 def test_it_is_cited_by_the_version_that_there_is():
