@@ -17,6 +17,7 @@ from __future__ import annotations
 import numpy as np
 import pandas as pd
 
+from foldlab.design import PATTERNED
 from foldlab.labels.foldability import Thresholds
 from foldlab.labels.timoshenko import bilayer_stiffness, fold_angle, hinge_turning, smeared
 
@@ -112,7 +113,9 @@ def formulas(designs: pd.DataFrame) -> pd.DataFrame:
     ``net``: T + E − W − S, the turning with level panels; 1 folds. ``ratio``: (T + E)/(1 + W + S),
     what turns over what must be turned; 1 folds too, and far from there it stays of order 1.
     """
-    parts = {f.__name__: np.asarray(f(designs)) for f in (turning, weight, sag, lift_off, edge)}
+    # Arrays: for one design pandas' own arithmetic takes ten times as long.
+    columns = {n: designs[n].to_numpy(float) for n in PATTERNED.names if n in designs}
+    parts = {f.__name__: np.asarray(f(columns)) for f in (turning, weight, sag, lift_off, edge)}
     parts["net"] = parts["turning"] + parts["edge"] - parts["weight"] - parts["sag"]
     parts["ratio"] = (parts["turning"] + parts["edge"]) / (1 + parts["weight"] + parts["sag"])
     return pd.DataFrame(parts)

@@ -27,17 +27,22 @@ const file = async (path, body) => (await fetched(path, body)).blob();
 // Runs one question at a time; of those asked meanwhile the last.
 function latest(run) {
   let busy = false, again = false;
-  return async function go() {
+  async function go() {
     if (busy) { again = true; return; }
     busy = true;
     do { again = false; await run(); } while (again);
     busy = false;
-  };
+  }
+  return Object.assign(go, { busy: () => busy });
 }
 
 export const degrees = (rad, digits = 3) => `${Number(((rad * 180) / Math.PI).toPrecision(digits))}°`;
 
+// The design that was answered last, and what was said of it.
+const page = { answer: null, design: null, trouble: "" };
+
 function trouble(text) {
+  page.trouble = text;
   byId("trouble").hidden = !text;
   byId("trouble").textContent = text || "";
   byId("verdict").classList.toggle("stale", Boolean(text));
@@ -65,6 +70,7 @@ function show(a, clamped) {
   const care = [];
   if (early) { box.querySelector(".care").textContent = ""; return; }
   if (a.foldable === null) care.push("Too near the boundary for an answer that is right as often as stated: solve it.");
+  if (a.fold_angle > Math.PI) care.push("Panels would meet at about 180° and pass through each other: solve it.");
   if (clamped.length) care.push(`Brought to the bounds of the groups: ${clamped.join(", ")}.`);
   if (a.outside.length) care.push(`Outside of what the models learned (${a.outside.join(", ")}): they guess.`);
   if (a.nearest_foldable !== null)
@@ -76,8 +82,6 @@ function show(a, clamped) {
   saying = setTimeout(() => { byId("live").textContent = `${word}: ${numbers}`; }, 400);
 }
 
-// The design that was answered last, and what was said of it.
-const page = { answer: null, design: null };
 
 async function start() {
   const facts = await ask("/api/facts");
@@ -103,7 +107,7 @@ async function start() {
       page.answer = told;
       page.design = asked;
       trouble("");
-      controls.told(told);
+      controls.told(told, asked);
       show(told, controls.clamped);
       byId("command").textContent = command(asked, told);
       solving.newDesign();
@@ -113,6 +117,12 @@ async function start() {
     } catch (error) { trouble(error.message); return; } finally { said += 1; byId("verdict").dataset.answers = said; }
     redraw();
   });
+  // The design as it is set now, answered.
+  page.settled = async () => {
+    while (answer.busy()) await new Promise((done) => setTimeout(done, 20));
+    if (page.trouble) throw new Error(page.trouble);
+    return page.design;
+  };
   function refresh() { map.point(); answer(); }
   map.changed = redraw;
   refresh();

@@ -120,12 +120,14 @@ export class Controls {
   }
 
   // What the server made of the design: quantities that follow from a material, text with units.
-  told(answer) {
+  told(answer, asked) {
     this.last = answer;
+    const sent = this.mode === "sizes" ? asked.quantities : asked.groups;
+    if (!sent) return; // the other sliders came meanwhile
     const all = this.mode === "sizes" ? answer.physical : answer.groups;
     const kept = this.mode === "sizes" ? this.given : this.groups;
     for (const p of this.parameters) {
-      if (typeof kept[p.name] === "string") kept[p.name] = all[p.name];
+      if (typeof kept[p.name] === "string" && kept[p.name] === sent[p.name]) kept[p.name] = all[p.name];
       // While a slider moves on, what it had before is no news.
       if (p.name in kept && kept[p.name] !== all[p.name]) continue;
       this.values[p.name] = all[p.name];

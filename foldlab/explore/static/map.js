@@ -108,7 +108,8 @@ export class RegimeMap {
 
   place(values = this.controls.values) {
     const at = [this.x, this.y].map((n) => [this.controls.parameter(n), values[n]]);
-    return at.some(([p, v]) => !p || typeof v !== "number") ? null : at.map(([p, v]) => unitOf(p, v));
+    const place = at.map(([p, v]) => (p && typeof v === "number" ? unitOf(p, v) : NaN));
+    return place.every(Number.isFinite) ? place : null;
   }
 
   draw(map, key) {

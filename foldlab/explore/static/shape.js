@@ -50,6 +50,10 @@ export class Shape {
     this.home = home;
     this.busy = false;
     this.next = null;
+    home.tabIndex = 0;
+    home.setAttribute("role", "application");
+    home.setAttribute("aria-label", "Shape in three dimensions. Arrow keys turn it, plus and minus zoom.");
+    home.addEventListener("keydown", (e) => this.turn(e));
     new ResizeObserver(() => { if (this.drawn) window.Plotly.Plots.resize(home); }).observe(home);
   }
 
@@ -73,11 +77,22 @@ export class Shape {
     } finally { this.busy = false; }
   }
 
+  turn(event) {
+    const by = { ArrowLeft: [-1, 0, 1], ArrowRight: [1, 0, 1], ArrowUp: [0, 1, 1], ArrowDown: [0, -1, 1], "+": [0, 0, 1 / 1.1], "-": [0, 0, 1.1] }[event.key];
+    if (!by || !this.drawn) return;
+    event.preventDefault();
+    const { x, y, z } = this.home._fullLayout.scene.camera.eye, step = Math.PI / 24;
+    const r = Math.hypot(x, y, z) * by[2], round = Math.atan2(y, x) + step * by[0];
+    const up = Math.min(1.5, Math.max(-1.5, Math.asin(z / Math.hypot(x, y, z)) + step * by[1]));
+    const eye = { x: r * Math.cos(up) * Math.cos(round), y: r * Math.cos(up) * Math.sin(round), z: r * Math.sin(up) };
+    window.Plotly.relayout(this.home, { "scene.camera.eye": eye });
+  }
+
   figure(answer, frame, colours, most) {
     answer.box ??= box(answer.frames);
     const { low, high } = answer.box, traces = [], top = Math.log10(100 * most);
     // Farther off where there is less room.
-    const off = this.home.clientWidth < 520 ? 1.5 : 1.05;
+    const off = this.home.clientWidth < 520 ? 1.9 : 1.4;
     for (const [name, layer] of Object.entries(frame.layers)) {
       const { points, triangles, strain } = surface(layer);
       const trace = {

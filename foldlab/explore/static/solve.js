@@ -63,9 +63,10 @@ export class Solving {
     });
   }
 
-  options() {
+  // Of the design as it is set now; throws what is wrong with it.
+  async options() {
     return {
-      design: this.page.design, contact: byId("contact").checked,
+      design: await this.page.settled(), contact: byId("contact").checked,
       accuracy: Number(byId("accuracy").value), seconds: Number(byId("budget").value),
     };
   }
@@ -84,10 +85,11 @@ export class Solving {
     try { await this.ask("/api/cancel", { job: this.job }); } catch (error) { this.say(error.message, true); }
   }
 
-  // The answer of a job, or null where there is none.
-  async run(kind, asked, doing) {
+  // The answer of a job and what was asked, or null where there is no answer.
+  async run(kind, doing, changes = {}) {
     this.busy(true);
     try {
+      const asked = { ...(await this.options()), ...changes };
       let state = await this.ask("/api/start", { kind, asked });
       this.job = state.job;
       byId("cancel").disabled = false;
@@ -97,7 +99,7 @@ export class Solving {
         state = await this.ask("/api/job", { job: state.job });
       }
       this.say(state.error ?? `Done in ${number(state.seconds, 2)} s.`, Boolean(state.error));
-      return state.answer;
+      return state.answer && [state.answer, asked];
     } catch (error) {
       this.say(error.message, true);
       return null;
@@ -105,9 +107,8 @@ export class Solving {
   }
 
   async solve() {
-    const asked = this.options();
-    const answer = await this.run("solve", asked, "Solving");
-    if (answer) this.show(answer, asked);
+    const done = await this.run("solve", "Solving");
+    if (done) this.show(...done);
   }
 
   show(answer, asked) {
@@ -131,10 +132,10 @@ export class Solving {
   }
 
   async mend() {
-    const { contact, ...asked } = this.options();
     byId("mended").hidden = true;
-    const told = await this.run("mend", asked, "Making it fold");
-    if (!told) return;
+    const done = await this.run("mend", "Making it fold", { contact: false });
+    if (!done) return;
+    const [told] = done;
     byId("mended").hidden = false;
     byId("mended").querySelector("p").textContent = `${told.said[0].toUpperCase()}${told.said.slice(1)}.`;
     byId("mended").querySelector("ul").replaceChildren(...told.options.map((option) => this.option(option)));
@@ -157,8 +158,9 @@ export class Solving {
   }
 
   async export() {
-    const told = await this.run("export", this.options(), "Exporting");
-    if (!told) return;
+    const done = await this.run("export", "Exporting");
+    if (!done) return;
+    const [told] = done;
     try {
       download(told.name, await this.file("/api/file", { job: this.job }));
       this.say(`${told.name}, ${number(told.bytes / 1e6, 2)} MB, is in your downloads.`);

@@ -109,6 +109,15 @@ def test_numbers_are_typed_with_units_and_what_is_wrong_is_one_sentence(page):
     answered(page, lambda: (text.fill("12"), text.press("Enter")))
     page.focus("#s-l_s")
     assert text.input_value() == "12 mm"
+    # What was typed while an answer was on its way stays.
+    other = page.locator("[data-name=h_i] input[type=text]")
+    for field, value in ((text, "1.3 cm"), (other, "300 um"), (text, "1.1 cm")):
+        field.fill(value)
+        field.press("Enter")
+    page.wait_for_function(
+        "() => ['l_i', 'h_i'].map((name) => document.querySelector("
+        "`[data-name=${name}] input[type=text]`).value).join() === '11 mm,0.3 mm'"
+    )
     answered(page, lambda: (text.fill("70 mm"), text.press("Enter")))
     page.wait_for_selector("#trouble:not([hidden])")
     assert "the hinge lies within its sheet" in page.inner_text("#trouble")
@@ -146,6 +155,25 @@ def test_groups_are_the_same_design_and_back(page):
     assert verdict(page) == "Folds"
 
 
+def test_what_was_just_typed_is_what_is_solved(page):
+    asked = []
+    page.on("request", lambda sent: asked.append(sent) if "/api/start" in sent.url else None)
+    text = page.locator("[data-name=h_s] input[type=text]")
+    text.fill("-1")
+    text.press("Enter")
+    page.click("#solve")
+    page.wait_for_selector("#job.wrong")
+    assert "expected a finite number above 0" in page.inner_text("#job") and not asked
+    text.fill("90 um")
+    text.press("Enter")
+    with page.expect_request("**/api/start"):
+        page.click("#solve")
+    assert asked[0].post_data_json["asked"]["design"]["quantities"]["h_s"] == "90 um"
+    page.wait_for_selector("#cancel:not([disabled])", timeout=SOON)
+    page.click("#cancel")
+    page.wait_for_selector("#job.wrong")
+
+
 def test_a_solve_can_be_cancelled_and_shows_its_shapes(page):
     page.click("#solve")
     page.click("#cancel")
@@ -162,6 +190,12 @@ def test_a_solve_can_be_cancelled_and_shows_its_shapes(page):
     page.focus("#frame")
     page.keyboard.press("ArrowLeft")
     page.wait_for_selector(f"#shape[data-frame='{last - 1}']")
+    eye = "document.getElementById('shape').layout.scene.camera.eye"
+    before = page.evaluate(eye)
+    page.focus("#shape")
+    page.keyboard.press("ArrowRight")
+    page.wait_for_function(f"([y]) => {eye}.y > y + 0.05", arg=[before["y"]])
+    assert page.evaluate(eye)["z"] == pytest.approx(before["z"])
     assert len(page.evaluate("document.getElementById('shape').data")) == 3
     assert page.evaluate("document.getElementById('shape').data[0].intensity.length") > 100
 
