@@ -36,6 +36,8 @@ def test_the_pages_build_without_a_warning(tmp_path):
     assert done.returncode == 0, done.stderr
     reference = (tmp_path / "site" / "reference" / "index.html").read_text(encoding="utf-8")
     assert 'id="foldlab.labels.label.Label"' in reference
+    assert ":class:" not in reference and "InputError</code> for" in reference
+    assert not (tmp_path / "site" / "hooks").exists()
     assert "groups to numbers" in (tmp_path / "site" / "source" / "index.html").read_text()
 
 
