@@ -67,6 +67,7 @@ MAY = {
     "foldlab.unit": {"foldlab.labels", "foldlab.plots", "foldlab.terminal"},
     "foldlab.structure": {
         "foldlab.labels", "foldlab.plots", "foldlab.unit", "solver.cases.structure",
+        "solver.mesh", "solver.output",
         "solver.equilibrium",
     },
     "foldlab.making": {"foldlab.labels", "foldlab.plots", "foldlab.terminal", "foldlab.unit"},
@@ -86,7 +87,8 @@ MAY = {
 SOLVER = {"foldlab/labels/solver.py", "foldlab/labels/run.py", "foldlab/labels/rod.py"}
 SOLVER |= {"foldlab/shown.py"}
 SOLVER |= {
-    f"foldlab/structure/{name}.py" for name in ("answer", "files", "laws", "made", "pictures")
+    f"foldlab/structure/{name}.py"
+    for name in ("answer", "files", "laws", "made", "pictures", "solid")
 }
 FILES = sorted(p for top in ("solver", "foldlab") for p in (ROOT / top).rglob("*.py"))
 

@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     from foldlab.unit.sized import Sized
 
 EFFECTS = ("gravity", "ground", "contact")
+LONGER = 5.0  # times the timeout of rigid panels, that a solid's path may take
 
 
 @dataclass(frozen=True)
@@ -37,11 +38,18 @@ class Folded:
         bool,
         typer.Option("--quick", help="Hinges by their section alone; the solver isn't asked."),
     ] = False
+    solid: Annotated[
+        bool,
+        typer.Option("--solid", help="Then as a solid, whose panels bend, and whose word counts."),
+    ] = False
     accuracy: Annotated[
         float, typer.Option(help="Wanted relative error of each kind of hinge's label.")
     ] = 0.02
     timeout: Annotated[
-        float, typer.Option(help="Core-seconds for the path, and for each hinge's label.")
+        float,
+        typer.Option(
+            help="Core-seconds for the path and each hinge's label; five times for solids."
+        ),
     ] = 60.0
 
     def acting(self) -> tuple[str, ...]:
@@ -72,15 +80,23 @@ def structure(
 ) -> None:
     """Does a sheet with many hinges fold under its weight, and which hinge fails, and why?
 
-    Panels are rigid here, hinges bend as the solver says of a unit with the same hinge. --set gives
-    h_s, h_i, contraction, l_i (the hinges' length along the sheet), size (the flat sheet's largest
-    extent, where the file has no unit) and, where no material says them, E_s, rho_s, E_i, rho_i.
+    Panels are rigid here, hinges bend as the solver says of a unit with the same hinge; --solid
+    also solves the whole sheet, whose panels sag and twist. --set gives h_s, h_i, contraction, l_i
+    (the hinges' length along the sheet), size (the flat sheet's largest extent, where the file has
+    no unit) and, where no material says them, E_s, rho_s, E_i, rho_i.
     """
     with needed_for("a structure"):
         import_contact()
     from foldlab.structure.answer import answer as judge
     from foldlab.structure.laws import from_labels
 
+    if folded.solid:
+        from foldlab.structure.solid import import_gmsh
+
+        try:
+            import_gmsh()
+        except ImportError as error:
+            raise InputError(str(error)) from None
     effects = folded.acting()
     unit, body = _read(pattern, given.read(), made)
     with output_folder(out):
@@ -99,19 +115,42 @@ def structure(
         except ValueError as error:
             raise InputError(str(error)) from None
         told = summary(result, unit, laws)
+        if folded.solid:
+            told |= confirmed(body, effects, folded, told, out)
         told["files"] = write(out, result, told, pictures=not no_pictures, animate=animate)
     if as_json:
         emit(told, True)
     else:
         emit(readable(told), False, rows(told))
-    if result.foldable is None:
-        raise NotReached(f"{result.reason}; what there is is in {out}")
+    if told["foldable"] is None:
+        raise NotReached(f"{told['reason']}; what there is is in {out}")
 
 
 def import_contact() -> None:
     """Raises ModuleNotFoundError where the libraries of structures are not installed."""
     import ipctk  # noqa: F401
     import shapely  # noqa: F401
+
+
+def confirmed(
+    body: Any, effects: tuple[str, ...], folded: Folded, told: dict[str, Any], out: Path
+) -> dict[str, Any]:
+    """What the solid says, for the answer; its last state is written to ``out``."""
+    from foldlab.structure.solid import save_solid, solid
+
+    # A path of a solid takes more than one of rigid panels.
+    timeout = LONGER * folded.timeout
+    result = solid(body, effects, need=folded.need, timeout=timeout, tell=note)
+    for k, hinge in enumerate(told["hinges"]):
+        hinge["solid"] = None if result.angles is None else float(result.angles[k])
+        hinge["solid_error"] = None if result.error is None else float(result.error[k])
+    if result.folding.states:
+        save_solid(result.folding, out / "solid.vtu")
+    return {
+        "foldable": result.foldable,
+        "reason": f"as a solid: {result.reason} (rigid panels: {told['reason']})",
+        "solid": result.row(),
+    }
 
 
 def _read(path: Path, given: dict[str, Any], made: Made) -> tuple[Sized, Any]:
@@ -157,7 +196,7 @@ def write(
     from foldlab.structure.files import write_fold
     from foldlab.unit.record import write_json
 
-    files = ["result.json"]
+    files = ["result.json", *(["solid.vtu"] if (out / "solid.vtu").exists() else [])]
     folding = result.folding
     if folding.states:
         pattern = folding.model.structure.pattern
@@ -186,12 +225,23 @@ def rows(told: Mapping[str, Any]) -> list[dict[str, Any]]:
             "hinges": len(some),
             "fold": fold,
             "angle": _span([h["angle"] * DEGREES for h in some]),
+            **_solid(some),
             "alone": f"{natural * DEGREES:.1f}°",
             "folds": {True: "yes", False: "no", None: "–"}[folds],
             "why not": why,
         }
         for (fold, natural, folds, why), some in groups.items()
     ]
+
+
+def _solid(hinges: list[dict]) -> dict[str, str]:
+    """The column of the solid's angles, where there are some."""
+    angles = [h["solid"] for h in hinges if h.get("solid") is not None]
+    if not angles:
+        return {}
+    errors = [h["solid_error"] for h in hinges if h["solid_error"] is not None]
+    off = f" ± {max(errors) * DEGREES:.1g}°" if errors else ""
+    return {"as a solid": _span([angle * DEGREES for angle in angles]) + off}
 
 
 def _span(values: list[float]) -> str:
@@ -212,6 +262,11 @@ def readable(told: Mapping[str, Any]) -> dict[str, Any]:
             out["panels"] = "touch"
     out["mass"] = f"{1e3 * told['mass']:.3g} g"
     labels = sum(law["core_seconds"] for law in told["laws"])
-    out["took"] = f"{told['core_seconds'] + labels:.2g} core-seconds, {labels:.2g} for the hinges"
+    whole = told["solid"]["core_seconds"] if "solid" in told else 0.0
+    out["took"] = (
+        f"{told['core_seconds'] + labels + whole:.2g} core-seconds, {labels:.2g} for the hinges"
+    )
+    if whole:
+        out["took"] += f", {whole:.2g} as a solid"
     out["files"] = ", ".join(told["files"])
     return out

@@ -150,8 +150,6 @@ def build(
             height=float(body.nodes[:, 2].min()),
         )  # fmt: skip
         terms += [Gravity(body, _densities(structure, sheet), weight), ground]
-    if deadline is not None:
-        terms.append(Deadline(deadline))
     sides, a, b, outlines = _places(structure, sheet)
     empty = Solid(
         structure, effects, upright, sheet, None, ground, sides, (a, b), outlines,
@@ -159,6 +157,9 @@ def build(
     )  # fmt: skip
     sections = _sections(structure, sheet, bool(effects))
     scene = held(empty, terms, np.zeros_like(body.nodes), sections=sections)
+    if deadline is not None:
+        # Scales are an evaluation too, and a model must come of it however late it is.
+        scene = scene.with_terms([*terms, Deadline(deadline)])
     return replace(empty, scene=scene)
 
 

@@ -153,3 +153,43 @@ def test_words_have_strains_in_per_cent_and_grams():
     assert bare["strain of the sheet"] == "1.2 %" and bare["stands"] == "not known"
     assert bare["strain of the active layer"] == "26 %, more than it bears"
     assert list(readable(told | {"strain": None})) == ["answer", "mass", "took", "files"]
+
+
+STRIP = """<svg xmlns="http://www.w3.org/2000/svg" width="40mm" height="10mm" viewBox="0 0 40 10">
+<rect width="40" height="10" fill="none" stroke="black"/>
+<path d="M20 0V10" fill="none" stroke="blue"/></svg>"""
+
+
+def test_the_solid_has_the_last_word(net, tmp_path):
+    pytest.importorskip("gmsh")
+    (tmp_path / "net.svg").write_text(STRIP)
+    line = f"{MADE} --quick --solid --no-pictures --effects none"
+    status, out, _ = net(f"{line} --json")
+    assert status == 0
+    told = json.loads(out)
+    (hinge,) = told["hinges"]
+    assert told["foldable"] is told["solid"]["foldable"] is True
+    assert told["reason"].startswith("as a solid: all 1 hinges fold; least room")
+    assert "(rigid panels: all 1 hinges fold" in told["reason"]
+    assert hinge["solid"] == told["solid"]["angles"][0]
+    assert hinge["solid"] == approx(hinge["angle"], rel=0.15) and hinge["solid_error"] > 0
+    assert (tmp_path / "out" / "solid.vtu").exists()
+    assert str(told["files"]).count("solid.vtu") == 1
+    status, out, _ = net(line)
+    assert "as a solid" in out and "±" in out and " as a solid\n" in out
+
+
+def test_a_solid_that_ends_early_leaves_it_open(net, tmp_path):
+    pytest.importorskip("gmsh")
+    (tmp_path / "net.svg").write_text(STRIP)
+    status, out, err = net(f"{MADE} --quick --solid --no-pictures --timeout 0.01 --json")
+    assert status == 3
+    told = json.loads(out)
+    assert told["foldable"] is None and told["hinges"][0]["solid"] is None
+    assert "not reached: as a solid: unknown" in err
+
+
+def test_a_solid_needs_gmsh(net, monkeypatch):
+    monkeypatch.setitem(sys.modules, "gmsh", None)
+    status, _, err = net(f"{MADE} --quick --solid")
+    assert status == 2 and "pip install 'foldlab[gmsh]'" in err
