@@ -142,6 +142,8 @@ def test_every_picture_is_in_the_gallery_with_what_makes_it():
     )
     for name, caption in found:
         assert (ROOT / "docs" / name).stat().st_size < 200_000
+        if "the page of `foldlab explore`" in caption:
+            continue
         assert re.search(r"`out/[\w/]+\.png` of\s", caption), name
         if run := re.search(r"`python -m experiments\.(\w+)", caption):
             assert (ROOT / "experiments" / f"{run.group(1)}.py").exists(), name
