@@ -185,10 +185,11 @@ class DesignSpace:
             raise InputError(f"designs came as {type(designs).__name__}; give a table with names")
         if len(designs) == 0:
             raise InputError("the table of designs is empty; give at least one row")
-        self._complete(designs.columns)
+        there = list(designs.columns)
+        self._complete(there)
         columns = {}
         for p in self.parameters:
-            if (count := list(designs.columns).count(p.name)) > 1:
+            if (count := there.count(p.name)) > 1:
                 raise InputError(f"column {p.name} stands {count} times; keep the one that counts")
             try:
                 values = designs[p.name].to_numpy(dtype=float, na_value=np.nan)

@@ -12,7 +12,7 @@ import pytest
 from foldlab.design import FULL
 from foldlab.errors import InputError
 from foldlab.explore.asked import LONGEST, SIZES, asked
-from foldlab.explore.live import FIRST, Live
+from foldlab.explore.live import FIRST, Live, _grid
 from foldlab.learning.saving import shipped_for
 from foldlab.materials import read_materials
 from foldlab.predicted import Predictor
@@ -107,12 +107,14 @@ def test_a_map_of_sizes_has_the_answers_of_its_units_and_none_where_there_is_no_
     assert p[row, column] == pytest.approx(alone["probability"], abs=1e-5)
 
 
-def test_a_hinge_as_wide_as_its_panels_stays_so_on_a_map(live):
-    told = live.map({"design": FIRST, "x": "b_s", "y": "h_i", "side": 4})
-    b_s, h_i = (float(SIZES[n].from_unit(0.875)) for n in ("b_s", "h_i"))
-    wide = {**FIRST, "quantities": FIRST["quantities"] | {"b_s": b_s, "h_i": h_i}}
-    expected = live.answer(wide)["probability"]
-    assert field(told, "probability")[3, 3] == pytest.approx(expected, abs=1e-5)
+def test_a_hinge_as_wide_as_its_panels_stays_so_on_a_map_and_another_keeps_its_width():
+    designs, there = _grid(asked(FIRST), SIZES, "b_s", "h_i", 4)
+    assert there.all() and designs["hinge_width"].to_numpy() == pytest.approx(1.0)
+    narrow = {**FIRST, "quantities": FIRST["quantities"] | {"b_i": 0.006}}
+    designs, there = _grid(asked(narrow), SIZES, "b_s", "h_i", 4)
+    widths = np.tile(SIZES["b_s"].from_unit((np.arange(4) + 0.5) / 4), 4)
+    assert designs["hinge_width"].to_numpy() == pytest.approx(0.006 / widths)
+    assert (there == (widths >= 0.006)).all() and not there.all()
 
 
 def test_the_boundary_without_weight_is_timoshenkos(live):
