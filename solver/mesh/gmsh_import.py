@@ -18,6 +18,9 @@ from solver.mesh.structured import curved
 # Gmsh's numbers of the volume elements that there is an element for.
 TETRAHEDRA, HEXAHEDRA = {4: 1, 11: 2}, {5: 1, 17: 2, 12: 2}
 
+# What the first line of a .msh file begins with.
+HEADS = (b"$MeshFormat", b"$Comments")
+
 
 def load_gmsh():
     """The gmsh module; raises ImportError, saying what to install, where it can't be loaded."""
@@ -64,6 +67,11 @@ def read(path: str | Path) -> skfem.Mesh:
     path = Path(path)
     if not path.is_file():
         raise ValueError(f"there is no file {path}")
+    with path.open("rb") as file:
+        head = file.read(20)
+    # Gmsh would run anything else as a script of its own, which may call the system.
+    if path.suffix.lower() != ".msh" or not head.startswith(HEADS):
+        raise ValueError(f"{path} is no mesh of Gmsh; write it as .msh, format 2.2 or 4.1")
     with session("read") as gmsh:
         refused(gmsh.merge, str(path))
         return from_model()

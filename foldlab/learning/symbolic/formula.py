@@ -15,6 +15,8 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from keyword import iskeyword
+from numbers import Real
 
 import numpy as np
 
@@ -240,19 +242,40 @@ def _rebuild(terms: dict) -> Tree:
     return ("-", top, _balanced("+", minus)) if minus else top
 
 
+def _check(tree: Tree, inputs: Sequence[str]) -> None:
+    """Raises :class:`InputError` for what is no :data:`Tree` of these inputs."""
+    if isinstance(tree, tuple):
+        count = {**dict.fromkeys(BINARY, 2), **dict.fromkeys(UNARY, 1)}
+        name = tree[0] if tree and isinstance(tree[0], str) else None
+        if len(tree) - 1 != count.get(name):
+            raise InputError(f"{tree!r:.80} in a formula; expected {' '.join(OPERATORS)}")
+        for part in tree[1:]:
+            _check(part, inputs)
+    elif tree not in inputs if isinstance(tree, str) else not isinstance(tree, Real):
+        raise InputError(
+            f"{tree!r:.80} in a formula; expected a number or one of {', '.join(inputs)}"
+        )
+
+
 @dataclass(frozen=True)
 class Formula:
     """``y = tree(inputs)``, evaluated in double precision.
 
     ``inputs`` names the columns in order. Calling it with an array of shape (n, inputs) gives
     (n,) values; nothing is protected, so a logarithm of a negative number is NaN. Raises
-    :class:`InputError` for another shape, or where a number in the tree is not finite.
+    :class:`InputError` for another shape, where a number in the tree is not finite, and for a tree
+    of anything but operators, numbers and the inputs: its source is run as Python.
     """
 
     tree: Tree
     inputs: tuple[str, ...]
 
     def __post_init__(self):
+        if not all(
+            isinstance(n, str) and n.isidentifier() and not iskeyword(n) for n in self.inputs
+        ):
+            raise InputError(f"the inputs {self.inputs!r} of a formula; expected names of columns")
+        _check(self.tree, self.inputs)
         if not np.isfinite(constants(self.tree)).all():
             raise InputError(
                 f"the formula {infix(self.tree)} holds a number that is not finite; give finite"
