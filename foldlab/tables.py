@@ -13,6 +13,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pyarrow as pa
+import pyarrow.parquet as pq
 from pyarrow import ArrowException, interchange
 
 from foldlab.errors import InputError
@@ -20,6 +21,8 @@ from foldlab.errors import InputError
 SUFFIXES = (".parquet", ".csv")
 # How much of a CSV's text decides its separator and decimal sign.
 HEAD = 1 << 16
+# What one table may have; a label has some 60.
+MOST_CELLS = 200_000_000
 
 
 def read_table(path: str | Path) -> pd.DataFrame:
@@ -34,6 +37,7 @@ def read_table(path: str | Path) -> pd.DataFrame:
     if not path.is_file():
         raise InputError(f"no file {path}; give an existing .parquet or .csv table")
     try:
+        _check_size(path)
         frame = pd.read_parquet(path) if _kind(path) == ".parquet" else _read_csv(path)
     except InputError:
         raise
@@ -46,6 +50,18 @@ def read_table(path: str | Path) -> pd.DataFrame:
     if len(frame) == 0:
         raise InputError(f"{path} has no rows; give a table with at least one design")
     return frame
+
+
+def _check_size(path: Path) -> None:
+    """Raises :class:`InputError` for a table of more cells than :data:`MOST_CELLS`: a Parquet file
+    of a few kB may hold billions of equal ones."""
+    if _kind(path) == ".parquet":
+        told = pq.read_metadata(path)
+        cells = told.num_rows * told.num_columns
+    else:
+        cells = path.stat().st_size // 2  # a digit and what parts it from the next
+    if cells > MOST_CELLS:
+        raise InputError(f"{path} has {cells:.3g} cells; at most {MOST_CELLS:.3g} are read")
 
 
 def _read_csv(path: Path) -> pd.DataFrame:

@@ -20,8 +20,10 @@ from sklearn.ensemble import (
     HistGradientBoostingRegressor,
     RandomForestClassifier,
 )
+from sklearn.ensemble._hist_gradient_boosting.predictor import TreePredictor
 from sklearn.pipeline import Pipeline
 from sklearn.tree import DecisionTreeClassifier
+from sklearn.tree._tree import Tree
 from sklearn.utils.validation import check_is_fitted
 
 from foldlab.design import DesignSpace
@@ -320,3 +322,51 @@ class AngleRegressor(RegressorMixin, BaseEstimator):
                 net = beam.formulas(designs)["net"].to_numpy()
                 return np.clip(net, 0.0, thresholds.full_turn / need), need
         return np.zeros(len(designs)), need
+
+
+def check_trees(thing, columns: int = 0) -> None:
+    """Raises :class:`InputError` for a tree, anywhere in a fitted model, that leads out of itself.
+
+    scikit-learn follows the numbers of nodes and columns unchecked, outside of its own memory.
+    ``columns``: what the model around a tree was fitted on.
+    """
+    if isinstance(thing, Tree):
+        # The arrays are as long as the capacity.
+        sound = 0 < thing.node_count <= thing.capacity and thing.n_features == columns
+        nodes = thing.__getstate__()["nodes"] if sound else None
+        if not (sound and _leads_on(nodes["left_child"], nodes["right_child"], nodes["feature"],
+                                    nodes["left_child"] == -1, columns)):  # fmt: skip
+            raise InputError("a tree of the model is damaged")
+    elif isinstance(thing, TreePredictor):
+        nodes = thing.nodes
+        if (
+            not len(nodes)
+            or nodes["is_categorical"].any()
+            or not _leads_on(
+                nodes["left"], nodes["right"], nodes["feature_idx"], nodes["is_leaf"] == 1, columns
+            )
+        ):
+            raise InputError("a tree of the model is damaged")
+    elif isinstance(thing, dict):
+        check_trees(list(thing.values()), columns)
+    elif isinstance(thing, list | tuple) or (
+        isinstance(thing, np.ndarray) and thing.dtype == object
+    ):
+        for part in thing:
+            check_trees(part, columns)
+    elif isinstance(thing, BaseEstimator):
+        inside = vars(thing)
+        columns = inside.get("n_features_in_", 0)
+        grown = inside.get("estimators_", ())
+        if any(getattr(tree, "n_features_in_", 0) != columns for tree in grown):
+            raise InputError("the trees of the model were not fitted on the same columns")
+        check_trees(inside, columns)
+
+
+def _leads_on(left, right, feature, leaf, columns: int) -> bool:
+    """Whether every inner node leads to two later ones by a column that there is."""
+    own, n = np.arange(len(left)), len(left)
+    left, right, feature = (np.asarray(a).astype(np.int64) for a in (left, right, feature))
+    good = (own < left) & (left < n) & (own < right) & (right < n)
+    good &= (feature >= 0) & (feature < columns)
+    return bool((good | leaf).all())

@@ -30,12 +30,15 @@ from sklearn.model_selection import FixedThresholdClassifier
 import foldlab
 from foldlab.design import DesignSpace, Parameter
 from foldlab.errors import InputError
+from foldlab.learning.models import check_trees
 from foldlab.learning.operating_point import with_threshold
 from foldlab.packaged import missing
 
 # Format 1 named classes by modules that are gone.
 FORMAT = 2
 CARD = "model.json"
+# What a model's files may unpack to; the largest of README's has 10 MB.
+MOST_BYTES = 1_000_000_000
 SHIPPED = Path(__file__).parents[1] / "data" / "models"
 TRUSTED = frozenset(
     {
@@ -150,6 +153,7 @@ def load_model(directory: str | Path) -> tuple[Any, dict]:
     if not directory.exists():
         directory = shipped().get(str(directory), directory)
     card = read_card(directory)
+    _check_size(directory, card)
     for name, digest in card["files"].items():
         if Path(name).name != name or not (directory / name).is_file():
             raise InputError(f"{directory} lacks its file {name}; save the model again")
@@ -173,9 +177,28 @@ def load_model(directory: str | Path) -> tuple[Any, dict]:
     return model, card
 
 
+def _check_size(directory: Path, card: dict) -> None:
+    """Raises :class:`InputError` for files that would unpack to more than :data:`MOST_BYTES`."""
+    size = 0
+    for name in card["files"]:
+        path = directory / Path(name).name
+        if zipfile.is_zipfile(path):
+            with zipfile.ZipFile(path) as archive:
+                size += sum(member.file_size for member in archive.infolist())
+        elif path.is_file():
+            size += path.stat().st_size
+    if size > MOST_BYTES:
+        raise InputError(
+            f"the model in {directory} holds {size / 1e9:.3g} GB; at most {MOST_BYTES / 1e9:g} "
+            "are read"
+        )
+
+
 def read_card(directory: str | Path) -> dict:
     """The content of ``model.json``, checked; does not read the model itself."""
     path = Path(directory) / CARD
+    if path.is_file() and path.stat().st_size > MOST_BYTES // 10:
+        raise InputError(f"{path} is larger than {MOST_BYTES / 1e10:g} GB")
     try:
         card = json.loads(path.read_text(encoding="utf-8"))
     except (FileNotFoundError, NotADirectoryError):
@@ -248,7 +271,9 @@ def _load_sklearn(directory: Path, state: dict):
             f"{path} holds types that are not trusted: {', '.join(sorted(strangers))}; "
             "load only models that foldlab saved"
         )
-    return skops.io.load(path, trusted=sorted(TRUSTED))
+    model = skops.io.load(path, trusted=sorted(TRUSTED))
+    check_trees(model)
+    return model
 
 
 def _is_network(model) -> bool:
@@ -298,6 +323,9 @@ def _load_network(directory: Path, state: dict):
     model = known[state["class"]](space_from_json(state["space"]), **parameters)
     with np.load(directory / "weights.npz", allow_pickle=False) as archive:
         weights = {name: torch.from_numpy(archive[name].copy()) for name in archive.files}
+    layers = (state["n_features"], *np.atleast_1d(parameters["hidden"]))
+    if max(*layers, parameters.get("members", 1)) > sum(w.numel() for w in weights.values()):
+        raise InputError(f"the network of {directory} is larger than its weights are many")
     with torch.random.fork_rng(devices=[]):  # building draws start values that are overwritten
         module = model.build(state.get("inputs", state["n_features"]))
     module.load_state_dict(weights)
