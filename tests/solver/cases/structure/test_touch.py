@@ -38,6 +38,12 @@ def test_contact_has_a_potential(model):
     prove(touch, u, 0.0, step=1e-7, rtol=1e-5)
 
 
+def test_contact_is_the_same_each_time(model):
+    import ipctk
+
+    assert model.contact is not None and ipctk.get_num_threads() == 1
+
+
 def test_ground_has_a_potential(heavy):
     u, up = np.zeros((12, 3)), np.array([0, 0, H])
     u[:, 2] = 0.3e-4 * np.random.default_rng(0).standard_normal(12)
