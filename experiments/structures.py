@@ -2,8 +2,8 @@
 
 Five patterns that people know, at a size that folds and at a larger one; two panels against the
 label of a unit, over how far panels would sag; a Miura vertex against its rigid kinematics; a sheet
-of 100 panels against the clock; random nets, each of which must end in a typed result; and the
-largest cube that closes, over pairs of materials.
+of 100 panels against the clock; random nets, each of which must end in a typed result; the largest
+cube that closes, over pairs of materials; and rigid panels against the whole sheet as a solid.
 """
 
 from __future__ import annotations
@@ -19,6 +19,7 @@ import pandas as pd
 from matplotlib.figure import Figure
 from scipy.optimize import brentq
 
+from foldlab.design import FULL
 from foldlab.labels.asked import Effort
 from foldlab.labels.solver import SolverSource
 from foldlab.materials import read_materials
@@ -26,6 +27,7 @@ from foldlab.plots import LINES, STYLE
 from foldlab.structure.answer import SAG, answer
 from foldlab.structure.files import SHIPPED, read_pattern
 from foldlab.structure.laws import from_labels
+from foldlab.structure.solid import solid
 from solver.cases.structure.hinges import Law, Layer
 from solver.cases.structure.model import build
 from solver.cases.structure.parts import Structure
@@ -51,23 +53,27 @@ PAIRS = (
 @dataclass(frozen=True)
 class Config:
     seed: int = 0
-    parts: tuple[str, ...] = ("examples", "unit", "miura", "many", "nets", "largest")
+    parts: tuple[str, ...] = ("examples", "unit", "miura", "many", "nets", "largest", "solid")
     units: int = 40
     nets: int = 200
     net_seconds: float = 4.0  # core-seconds of a net
     side: int = 10  # panels along a side of the large sheet
     timeout: float = 60.0
     large: float = 3.0  # times the pattern's own size
+    solids: tuple[str, ...] = (*SHIPPED, "two panels")
+    level: int = 1  # mesh of solids
 
 
-TINY = Config(parts=("unit", "miura", "nets"), units=1, nets=2, timeout=20.0)
+TINY = Config(
+    parts=("unit", "miura", "nets", "solid"), units=1, nets=2, timeout=20.0, solids=("two panels",)
+)
 
 
 def run(config: Config, tracker) -> dict[str, Any]:
     out: dict[str, Any] = {}
     make = {
         "examples": examples, "unit": against_units, "miura": miura, "many": many,
-        "nets": random_nets, "largest": largest,
+        "nets": random_nets, "largest": largest, "solid": against_solids,
     }  # fmt: skip
     for name in config.parts:
         rows, told = make[name](config)
@@ -194,6 +200,50 @@ def agreement(table: pd.DataFrame) -> dict[str, Any]:
             "same_verdict": int(table.loc[some, "same"].sum()),
         }
     return told
+
+
+def against_solids(config: Config):
+    """Rigid panels against the whole sheet as a solid, which bends: weight and ground, hinges that
+    would turn by some 80° alone. Off: the largest of a pattern's hinges, as a ratio to the largest
+    angle of its solid; error: that of the solid, likewise."""
+    layer, rows = replace(ACTIVE, contraction=0.19), []
+    for name in config.solids:
+        if name in SHIPPED:
+            pattern = read_pattern(name).pattern(0.005)
+        else:
+            pattern = unit_of(dict.fromkeys(FULL.names, 0.2)).pattern
+            pattern = Pattern(0.06 * pattern.vertices, pattern.faces, [Crease((1, 4), 1, 0.005)])
+        body = from_labels(Structure.of(pattern, SHEET, layer))[0]
+        start = core_seconds()
+        fast = answer(body, ("gravity", "ground"), upright=True, timeout=config.timeout)
+        fast_seconds = core_seconds() - start
+        whole = solid(body, upright=True, level=config.level, timeout=5 * config.timeout)
+        row = {
+            "pattern": name,
+            "fast": fast.evidence["outcome"],
+            "solid": whole.folding.ending.name.lower(),
+            "panel_sag": fast.evidence["panel_sag"],
+            "unknowns": whole.unknowns,
+            "fast_seconds": fast_seconds,
+            "solid_seconds": whole.core_seconds,
+        }
+        if whole.angles is not None and fast.folding.states:
+            rigid, largest_ = fast.folding.last.angles, np.abs(whole.angles).max()
+            row |= {
+                "angles_fast": np.degrees(rigid).tolist(),
+                "angles_solid": np.degrees(whole.angles).tolist(),
+                "off": float(np.abs(rigid - whole.angles).max() / largest_),
+                "error": None if whole.error is None else float(whole.error.max() / largest_),
+            }
+        rows.append(row)
+        print(f"{name}: {row}", file=sys.stderr, flush=True)
+    off = [row["off"] for row in rows if "off" in row]
+    return rows, {
+        "compared": len(off),
+        "of": len(rows),
+        "within_5_percent": sum(value <= 0.05 for value in off),
+        "solid_seconds_most": max(row["solid_seconds"] for row in rows),
+    }
 
 
 def miura(config: Config):

@@ -116,7 +116,7 @@ def structure(
             raise InputError(str(error)) from None
         told = summary(result, unit, laws)
         if folded.solid:
-            told |= confirmed(body, effects, folded, told, out)
+            told |= confirmed(body, effects, folded, told, out, pictures=not no_pictures)
         told["files"] = write(out, result, told, pictures=not no_pictures, animate=animate)
     if as_json:
         emit(told, True)
@@ -133,9 +133,17 @@ def import_contact() -> None:
 
 
 def confirmed(
-    body: Any, effects: tuple[str, ...], folded: Folded, told: dict[str, Any], out: Path
+    body: Any,
+    effects: tuple[str, ...],
+    folded: Folded,
+    told: dict[str, Any],
+    out: Path,
+    *,
+    pictures: bool,
 ) -> dict[str, Any]:
     """What the solid says, for the answer; its last state is written to ``out``."""
+    from foldlab.plots import save_figure
+    from foldlab.structure.pictures import plot_solid
     from foldlab.structure.solid import save_solid, solid
 
     # A path of a solid takes more than one of rigid panels.
@@ -146,6 +154,8 @@ def confirmed(
         hinge["solid_error"] = None if result.error is None else float(result.error[k])
     if result.folding.states:
         save_solid(result.folding, out / "solid.vtu")
+        if pictures:
+            save_figure(plot_solid(result.folding), out / "solid.png")
     return {
         "foldable": result.foldable,
         "reason": f"as a solid: {result.reason} (rigid panels: {told['reason']})",
@@ -196,7 +206,8 @@ def write(
     from foldlab.structure.files import write_fold
     from foldlab.unit.record import write_json
 
-    files = ["result.json", *(["solid.vtu"] if (out / "solid.vtu").exists() else [])]
+    files = ["result.json"]
+    files += [name for name in ("solid.vtu", "solid.png") if (out / name).exists()]
     folding = result.folding
     if folding.states:
         pattern = folding.model.structure.pattern

@@ -92,6 +92,51 @@ def plot_angles(folding: Folding) -> Figure:
     return figure
 
 
+def plot_solid(folding: Folding) -> Figure:
+    """The surface of a solid in its last state, seen from both sides; mountains' layers lie below
+    the sheet."""
+    model, x, e = folding.model, folding.x, folding.last.e
+    mesh = model.body.mesh
+    facets = mesh.boundary_facets()
+    ring = _around(mesh, facets)
+    corners = model.body.cells[:, :8]
+    at = np.empty(mesh.p.shape[1], int)
+    at[mesh.t.T] = corners
+    X = 1e3 * model.structure.pattern.extent * (
+        model.body.nodes + model.scene.displacement(x, e)
+    )[at[ring]]  # fmt: skip
+    own = mesh.f2t[0, facets]
+    folds = np.array([h.crease.fold for h in model.structure.pattern.hinges])
+    layer = np.where(folds[model.sheet.hinge[own]] > 0, VALLEY, MOUNTAIN)
+    colours = np.where(model.sheet.active[own], layer, PANEL)
+    low, high = X.min(axis=(0, 1)), X.max(axis=(0, 1))
+    size = np.maximum(high - low, 0.05 * (high - low).max())
+    with mpl.rc_context(STYLE):
+        figure = Figure(figsize=(7.0, 3.4), dpi=200)
+        for k, view in enumerate((VIEW, VIEW | {"azim": VIEW["azim"] + 180})):
+            ax = figure.add_subplot(1, 2, k + 1, projection="3d")
+            faces = Poly3DCollection(X, facecolors=colours, edgecolors="#3C4650", linewidths=0.1)
+            ax.add_collection3d(faces)
+            for axis, a, s in zip("xyz", low, size, strict=True):
+                getattr(ax, f"set_{axis}lim")(a, a + s)
+            ax.set_proj_type("ortho")
+            ax.set_box_aspect(size / size.max(), zoom=0.95)
+            ax.view_init(**view)
+            ax.set_axis_off()
+        figure.subplots_adjust(left=0, right=1, bottom=0, top=1, wspace=0)
+    return figure
+
+
+def _around(mesh, facets: np.ndarray) -> np.ndarray:
+    """Corners (f, 4) of quadrilaterals in order around each."""
+    ring = mesh.facets[:, facets].T
+    X = mesh.p.T[ring]
+    # Of the three ways to go around, the one whose sides are shortest crosses nothing.
+    ways = np.array([[0, 1, 2, 3], [0, 1, 3, 2], [0, 2, 1, 3]])
+    long = [np.linalg.norm(X[:, w] - X[:, np.roll(w, -1)], axis=2).sum(axis=1) for w in ways]
+    return np.take_along_axis(ring, ways[np.argmin(long, axis=0)], axis=1)
+
+
 def save_gif(folding: Folding, path: Path) -> None:
     """The states as an animation."""
     from PIL import Image

@@ -140,8 +140,9 @@ def mesh(structure: Structure, level: int | Sizes) -> Sheet:
         np.ascontiguousarray(nodes[used].T), np.ascontiguousarray(t[:, order].T.astype(np.int32))
     )
     where, active = np.concatenate(where), np.concatenate(active)
+    layers = {"passive": np.flatnonzero(~active), "active": np.flatnonzero(active)}
     return Sheet(
-        Body.build(grid, "hex27", bent=1),
+        Body.build(grid.with_subdomains(layers), "hex27", bent=1),
         np.where(where < count, where, -1), np.where(where < count, -1, where - count), active,
     )  # fmt: skip
 

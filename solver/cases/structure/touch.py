@@ -117,8 +117,8 @@ class Touch:
     def __init__(self, body, corners, panels, faces, *, gap, energy, about=None):
         import ipctk
 
-        # Its warnings go to the standard output, in which others read answers; its threads would add
-        # up in another order each time, and take cores that nobody counts.
+        # Its warnings go to the standard output, in which others read answers; its threads would
+        # add up in another order each time, and take cores that nobody counts.
         ipctk.set_logger_level(ipctk.LoggerLevel.error)
         ipctk.set_num_threads(1)
         self.body, self.gap = body, gap

@@ -163,7 +163,7 @@ STRIP = """<svg xmlns="http://www.w3.org/2000/svg" width="40mm" height="10mm" vi
 def test_the_solid_has_the_last_word(net, tmp_path):
     pytest.importorskip("gmsh")
     (tmp_path / "net.svg").write_text(STRIP)
-    line = f"{MADE} --quick --solid --no-pictures --effects none"
+    line = f"{MADE} --quick --solid --effects none"
     status, out, _ = net(f"{line} --json")
     assert status == 0
     told = json.loads(out)
@@ -174,8 +174,13 @@ def test_the_solid_has_the_last_word(net, tmp_path):
     assert hinge["solid"] == told["solid"]["angles"][0]
     assert hinge["solid"] == approx(hinge["angle"], rel=0.15) and hinge["solid_error"] > 0
     assert (tmp_path / "out" / "solid.vtu").exists()
-    assert str(told["files"]).count("solid.vtu") == 1
-    status, out, _ = net(line)
+    assert str(told["files"]).count("solid.vtu") == str(told["files"]).count("solid.png") == 1
+    with Image.open(tmp_path / "out" / "solid.png") as image:
+        colours = image.convert("RGB").reduce(4).getcolors(10**6)
+    orange = sum(n for n, (r, _, b) in colours if r > b + 60)
+    blue = sum(n for n, (r, _, b) in colours if b > r + 20)
+    assert 100 < orange < blue  # the layer, and the panels around it
+    status, out, _ = net(f"{line} --no-pictures")
     assert "as a solid" in out and "±" in out and " as a solid\n" in out
 
 
