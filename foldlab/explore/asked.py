@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from functools import cache
 from typing import Any
 
+import numpy as np
 import pandas as pd
 
 from foldlab.design import FULL, PHYSICAL, STANDARD_GRAVITY, DesignSpace, Parameter, to_physical
@@ -32,6 +33,7 @@ SIZES = DesignSpace(
         Parameter("rho_i", "rho_i", 500, 8000, "log", "density of the active layer"),
     ),
 )
+FARTHEST = 1e9  # or one over it: groups that no formula was made for
 LONGEST = 60  # characters of a name or a number
 
 
@@ -66,8 +68,14 @@ def asked(request: Any) -> Asked:
     if "quantities" in request:
         allowed = [name for name in PHYSICAL if name != "g_earth"]
         given = _numbers(only(request["quantities"], allowed, "quantities"))
-        unit = sized(given, materials(), **names)
-        return Asked(unit.groups, unit)
+        with np.errstate(all="ignore"):
+            unit = sized(given, materials(), **names)
+        if unit.groups["hinge_length"] >= 1:
+            raise InputError("the hinge is as long as its sheet, which leaves no panels to lift")
+        for name, value in unit.groups.items():
+            if not 1 / FARTHEST <= value <= FARTHEST:
+                raise InputError(f"{name} = {value:.3g}; no unit is like that, look at its sizes")
+        return Asked(FULL.validate_one(unit.groups, bounds=False), unit)
     given = _numbers(only(request["groups"], FULL.names, "groups"))
     groups = FULL.validate_one(given)
     if names["passive"] is None:
@@ -107,7 +115,8 @@ def number(request: Mapping[str, Any], name: str, default: float, ends: tuple[fl
     if isinstance(value, bool) or not isinstance(value, int | float):
         raise InputError(f"{name} = {str(value)[:LONGEST]!r}; expected a number")
     if not ends[0] <= value <= ends[1]:
-        raise InputError(f"{name} = {value:g}; expected {ends[0]:g} to {ends[1]:g}")
+        told = f"{value:g}" if abs(value) < 1e300 else "too large"
+        raise InputError(f"{name} = {told}; expected {ends[0]:g} to {ends[1]:g}")
     return value
 
 

@@ -185,7 +185,7 @@ def _grid(
     physical = pd.DataFrame({**what.unit.physical, **columns}, index=range(side * side))
     if what.unit.physical["b_i"] == what.unit.physical["b_s"] and "b_i" not in (x, y):
         physical["b_i"] = physical["b_s"]
-    there = (physical["l_i"] <= physical["l_s"]) & (physical["b_i"] <= physical["b_s"])
+    there = (physical["l_i"] < physical["l_s"]) & (physical["b_i"] <= physical["b_s"])
     return to_groups(physical)[FULL.names], there.to_numpy()
 
 

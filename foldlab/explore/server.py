@@ -189,7 +189,8 @@ class Handler(BaseHTTPRequestHandler):
         self._json(status, {"error": text}, {"Connection": "close"})
 
     def _json(self, status: HTTPStatus, answer: Mapping[str, Any], extra=None) -> None:
-        text = json.dumps(plain(dict(answer)), allow_nan=False, ensure_ascii=False)
+        # Escaped: a request may hold halves of characters, which have no bytes.
+        text = json.dumps(plain(dict(answer)), allow_nan=False)
         self._send(status, text.encode(), "application/json", extra)
 
     def _send(self, status: HTTPStatus, content: bytes, kind: str, extra=None) -> None:

@@ -115,7 +115,9 @@ def formulas(designs: pd.DataFrame) -> pd.DataFrame:
     """
     # Arrays: for one design pandas' own arithmetic takes ten times as long.
     columns = {n: designs[n].to_numpy(float) for n in PATTERNED.names if n in designs}
-    parts = {f.__name__: np.asarray(f(columns)) for f in (turning, weight, sag, lift_off, edge)}
+    # A hinge of the whole sheet has no panels to lift, and infinity says so.
+    with np.errstate(all="ignore"):
+        parts = {f.__name__: np.asarray(f(columns)) for f in (turning, weight, sag, lift_off, edge)}
     parts["net"] = parts["turning"] + parts["edge"] - parts["weight"] - parts["sag"]
     parts["ratio"] = (parts["turning"] + parts["edge"]) / (1 + parts["weight"] + parts["sag"])
     return pd.DataFrame(parts)

@@ -178,6 +178,11 @@ def test_an_answer_takes_less_than_a_tenth_of_a_second_of_a_core(live):
         ({"quantities": {"l_s": "40 s"}}, "expected a quantity in m"),
         ({"quantities": {"g_earth": 1.6}}, "quantities: no 'g_earth'"),
         ({**FIRST, "quantities": FIRST["quantities"] | {"l_i": 0.05}}, "l_i = 0.05 m is more than"),
+        ({**FIRST, "quantities": FIRST["quantities"] | {"l_i": 0.04}}, "leaves no panels to lift"),
+        (
+            {**FIRST, "quantities": FIRST["quantities"] | {"h_s": 1e308}},
+            "h_ratio = 2e-312; no unit is",
+        ),
         ({**FIRST, "quantities": FIRST["quantities"] | {"h_s": -1}}, "h_s = -1; expected a finite"),
     ],
 )

@@ -97,6 +97,8 @@ def test_a_question_is_answered_with_plain_numbers(server):
     assert headers["Content-Type"] == "application/json"
     status, content, headers = ask(server, "POST", "/api/file", b"{}")
     assert (status, content) == (200, b"{}") and 'filename="unit.json"' in str(headers)
+    half = ask(server, "POST", "/api/echo", rb'{"a": "\ud800"}')
+    assert half[0] == 200 and json.loads(half[1])["got"] == {"a": "\ud800"}
     origin = f"http://127.0.0.1:{server.server_port}"
     assert ask(server, "POST", "/api/echo", b"{}", Origin=origin)[0] == 200
 
