@@ -177,3 +177,10 @@ def test_a_sheet_without_creases_is_told():
     bare = Pattern(np.array([(0, 0), (1, 0), (1, 1), (0, 1)]), [(0, 1, 2, 3)], [])
     with pytest.raises(ValueError, match="no creases"):
         Structure.of(bare, SHEET, LAYER)
+
+
+def test_cells_of_a_hinge_are_softened_along_what_bends():
+    grid = sheet.mesh(made(strip((0.5, 1))), 0)
+    for points in grid.body.points()[grid.hinge == 0]:
+        counts = [len(np.unique(np.round(points[:, k], 9))) for k in range(3)]
+        assert counts == [2, 3, 3]
