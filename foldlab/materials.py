@@ -39,13 +39,15 @@ def find_material(table: pd.DataFrame, name: str, role: str | None = None) -> st
     :class:`InputError` for a name that is not there, or is of the other role.
     """
     wanted = _key(name)
-    fitting = [row for row in table.iterrows() if role in (None, row[1]["role"])]
+    others = table["aliases"].tolist() if "aliases" in table else [""] * len(table)
+    rows = zip(table.index.tolist(), table["role"].tolist(), others, strict=True)
+    fitting = [(str(known), str(also)) for known, its, also in rows if role in (None, its)]
     for known, _ in fitting:
-        if wanted == _key(str(known)):
-            return str(known)
-    for known, row in fitting:
-        if wanted and wanted in map(_key, str(row.get("aliases", "")).split(";")):
-            return str(known)
+        if wanted == _key(known):
+            return known
+    for known, also in fitting:
+        if wanted and wanted in map(_key, also.split(";")):
+            return known
     rows = table if role is None else table[table["role"] == role]
     listed = ", ".join(rows.index)
     raise InputError(
