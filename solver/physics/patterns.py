@@ -86,15 +86,22 @@ def _merged(points: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, np.ndar
     return points[first], np.bincount(same, weights=values) / np.bincount(same)
 
 
+# What a stranger's file may ask for.
+MOST_BYTES, MOST_POINTS = 500_000_000, 20_000_000
+
+
 def read_pattern(path: str | Path, field: str = "beta", *, reach: float | None = None) -> Pattern:
     """The pattern in a CSV with columns x, y, z and ``field``, or the point field of a VTU.
 
-    Raises ValueError for another suffix, a missing or damaged file, a missing column or field, and
+    Raises ValueError for another suffix, a missing or damaged file, one larger than
+    :data:`MOST_BYTES` or of more points than :data:`MOST_POINTS`, a missing column or field, and
     entries of these that are no numbers; other columns may hold anything.
     """
     path = Path(path)
     if not path.is_file():
         raise ValueError(f"there is no file {path}; give a .csv or .vtu with the field {field!r}")
+    if path.stat().st_size > MOST_BYTES:
+        raise ValueError(f"{path.name} is larger than {MOST_BYTES / 1e6:g} MB")
     if path.suffix.lower() == ".csv":
         return _read_csv(path, field, reach)
     if path.suffix.lower() == ".vtu":
@@ -141,6 +148,10 @@ def _read_vtu(path, field, reach):
         raise ValueError(
             f"{path.name} is damaged, or no VTU (a number of {wrong[1].decode()}); write it again"
         )
+    # A compressed field of equal numbers may be a thousand times as large as its file.
+    counts = re.findall(rb'NumberOf(?:Points|Cells)="\s*(\d+)', head)
+    if max(map(int, counts), default=0) > MOST_POINTS:
+        raise ValueError(f"{path.name} has more than {MOST_POINTS:.3g} points or cells")
     reader = vtkXMLUnstructuredGridReader()
     reader.SetFileName(str(path))
     # What it says tells a damaged file from one without the field.

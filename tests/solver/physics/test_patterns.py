@@ -5,6 +5,7 @@ import pytest
 import pyvista as pv
 from vtkmodules.vtkIOXML import vtkXMLUnstructuredGridWriter
 
+from solver.physics import patterns
 from solver.physics.patterns import Pattern, read_pattern
 
 X = np.random.default_rng(0).uniform(-1, 1, (40, 3)).round(6)
@@ -162,3 +163,15 @@ def test_a_vtu_without_points_or_with_a_field_of_words_is_refused(cube, tmp_path
     cube.save(path)
     with pytest.raises(ValueError, match="no point field 'beta' of numbers; there are: none"):
         read_pattern(path)
+
+
+def test_a_file_may_not_ask_for_more_than_its_limit(cube, tmp_path, monkeypatch):
+    apart(cube).save(tmp_path / "b.vtu")
+    (tmp_path / "b.csv").write_text("x,y,z,beta\n" + 9 * "0,0,0,1\n")
+    monkeypatch.setattr(patterns, "MOST_POINTS", 3)
+    with pytest.raises(ValueError, match=r"b\.vtu has more than 3 points or cells"):
+        read_pattern(tmp_path / "b.vtu")
+    monkeypatch.setattr(patterns, "MOST_BYTES", 50)
+    for name in ("b.vtu", "b.csv"):
+        with pytest.raises(ValueError, match=rf"{name} is larger than"):
+            read_pattern(tmp_path / name)
