@@ -92,15 +92,21 @@ class Sheet:
 
 def _inside(corners: np.ndarray, sign: np.ndarray, X: np.ndarray) -> np.ndarray:
     """Where a place (2,) lies in bilinear cells with corners (m, 4, 2), whose reference is sign
-    (4, 2): (m, 2), 0 to 1 within; by Newton's method."""
+    (4, 2): (m, 2), 0 to 1 within, far beyond that where there is no such place; by Newton's
+    method."""
     xi = np.full((len(corners), 2), 0.5)
-    for _ in range(10):
+    slope, size = 2 * sign - 1, np.abs(np.ptp(corners, axis=1)).max(axis=1)
+    for _ in range(30):
         one = np.where(sign == 1, xi[:, None], 1 - xi[:, None])  # (m, 4, 2)
-        slope = 2 * sign - 1
         off = np.einsum("mk,mki->mi", one.prod(axis=2), corners) - X
         J = np.einsum("mka,mki->mia", slope * one[..., ::-1], corners)
+        # Beyond a cell its map may turn over.
+        det = np.linalg.det(J)
+        sound = np.abs(det) > 1e-12 * size**2
+        J[~sound] = np.eye(2)
         xi = np.clip(xi - np.linalg.solve(J, off[..., None])[..., 0], -1.0, 2.0)
-    return xi
+    near = np.abs(off).max(axis=1) < 1e-9 * size
+    return np.where(near[:, None], xi, 9.0)
 
 
 def mesh(structure: Structure, level: int | Sizes) -> Sheet:

@@ -184,3 +184,17 @@ def test_cells_of_a_hinge_are_softened_along_what_bends():
     for points in grid.body.points()[grid.hinge == 0]:
         counts = [len(np.unique(np.round(points[:, k], 9))) for k in range(3)]
         assert counts == [2, 3, 3]
+
+
+@pytest.mark.parametrize("level", [0, 1])
+def test_places_are_where_they_are_said_to_be(level):
+    structure = made(vertex())
+    model = solid.build(structure, (), level=level)
+    assert np.abs(model.angles(np.zeros(model.scene.size), 0.0)).max() < 1e-9
+    rng = np.random.default_rng(0)
+    for k, outline in enumerate(structure.pattern.panels):
+        weights = rng.dirichlet(np.ones(len(outline)), 60)
+        places = weights @ outline / structure.pattern.extent
+        there = model.sheet.at(k, places) @ model.body.nodes
+        np.testing.assert_allclose(there[:, :2], places, atol=1e-9)
+        np.testing.assert_allclose(there[:, 2], 0, atol=1e-12)
