@@ -145,6 +145,17 @@ class Live:
         angle = label.evidence.get("m1")
         return {"foldable": label.foldable, "reason": label.reason, "fold_angle": angle}
 
+    def ranges(self, request: Any) -> dict[str, Any]:
+        """What the ranges of materials leave open, in words, of a unit of which some quantity is
+        known by its material only: ``said``, None of others."""
+        from foldlab.labels.solver import SolverSource
+        from foldlab.unit.check import uncertainty
+        from foldlab.unit.told import over
+
+        unit = asked(request).unit
+        left = None if unit is None or not unit.ranges else uncertainty(unit, SolverSource())
+        return {"said": None if left is None else over(left)}
+
     def map(self, request: Any) -> dict[str, Any]:
         """Probability of folding over two sliders, all else as the design has it: rows of y, each
         of x, in float32 and base64; NaN where there is no unit. ``light``: signed distance to the

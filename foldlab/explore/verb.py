@@ -32,6 +32,7 @@ def explore(
     live, jobs = Live(), Jobs()
     routes = {
         "/api/facts": live.facts, "/api/answer": live.answer, "/api/map": live.map,
+        "/api/ranges": live.ranges,
         "/api/start": jobs.start, "/api/job": jobs.state, "/api/cancel": jobs.cancel,
     }  # fmt: skip
     server = Server(port, routes, {"/api/file": jobs.file})

@@ -51,7 +51,19 @@ function trouble(text) {
 const WORDS = {
   true: ["folds", "✓", "Folds"], false: ["stays", "✗", "Does not fold"], null: ["unsure", "?", "Don’t know"],
 };
-let saying = 0, said = 0;
+let saying = 0, said = 0, asking = 0;
+const REST = 600; // ms without a change, after which what takes longer is asked
+
+// What the materials' ranges leave open: two hundred rods, so not at every move.
+function ranges(design) {
+  clearTimeout(asking);
+  const box = byId("verdict").querySelector(".ranges");
+  box.textContent = "";
+  asking = setTimeout(async () => {
+    const told = await ask("/api/ranges", design).catch(() => ({}));
+    if (page.design === design && told.said) box.textContent = `Over the materials’ ranges: ${told.said}.`;
+  }, REST);
+}
 
 function show(a, clamped) {
   const [kind, sign, word] = WORDS[a.foldable];
@@ -114,6 +126,7 @@ async function start() {
       beside.refresh();
       if (told.probability === null) { setTimeout(answer, 250); return; }
       byId("verdict").dataset.by = "models";
+      ranges(asked);
     } catch (error) { trouble(error.message); return; } finally { said += 1; byId("verdict").dataset.answers = said; }
     redraw();
   });

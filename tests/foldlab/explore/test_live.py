@@ -67,6 +67,19 @@ def test_a_unit_in_millimetres_is_that_of_check(live):
     assert live.answer(with_units)["physical"]["h_s"] == pytest.approx(1e-4)
 
 
+def test_what_the_materials_leave_open_is_what_check_says_of_it(live):
+    from foldlab.labels.solver import SolverSource
+    from foldlab.unit.check import uncertainty
+
+    said = live.ranges(FIRST)["said"]
+    left = uncertainty(asked(FIRST).unit, SolverSource())
+    assert said.startswith(f"{100 * left['folds']:.0f} % of 200 units fold by the rod")
+    assert "E_i 0.5 MPa to 30 MPa" in said
+    given = {"E_s": 4e9, "rho_s": 1400, "E_i": 4e6, "rho_i": 1100}
+    known = {**FIRST, "quantities": FIRST["quantities"] | given}
+    assert live.ranges(known)["said"] is live.ranges({"groups": MIDDLE})["said"] is None
+
+
 def test_groups_with_a_material_have_sizes_and_come_back(live):
     groups = live.answer(FIRST)["groups"]
     back = live.answer({"groups": groups, "passive": "PET"})

@@ -86,6 +86,9 @@ def verdict(page):
 
 def test_a_slider_moves_the_verdict_and_it_is_read_out(page):
     assert verdict(page) == "Folds"
+    page.wait_for_function(
+        "() => document.querySelector('.ranges').textContent.includes('of 200 units fold')"
+    )
     assert re.search(
         r"chance of folding \d+\.\d %, angle 39\.\d° ± 2\.\d°; 36° count",
         page.inner_text(".numbers"),
