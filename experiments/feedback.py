@@ -16,7 +16,6 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from experiments.common import main, save_figure
 from foldlab.plots import LINES, STYLE
 from solver.cases.tissue.feedback import (
     INNER,
@@ -32,6 +31,8 @@ from solver.output import cell_fields
 from solver.viscous.balance import balance
 from solver.viscous.evolution import TimeSteps, evolve, start, stepped
 from solver.viscous.homeostasis import homeostasis
+
+from .common import main, save_figure
 
 
 @dataclass(frozen=True)

@@ -17,12 +17,13 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from experiments.common import main, save_figure
 from foldlab.errors import InputError
 from foldlab.plots import LINES, STYLE
 from solver.cases.tissue.morphogen import Gradient
 from solver.mesh.body import ELEMENTS
 from solver.transport.morphogen import Morphogen
+
+from .common import main, save_figure
 
 
 @dataclass(frozen=True)

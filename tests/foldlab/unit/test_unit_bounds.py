@@ -130,13 +130,17 @@ def test_what_stays_ends_at_the_first_value_that_changes_it(monkeypatch):
 
 def test_nine_of_ten_units_turn_by_what_lies_between_the_ends(table, monkeypatch):
     unit = sized(bare("E_i"), table, None, "gel")
-    labels = [Label({}, k >= 25, "", {"m1": float(k)}) for k in range(101)]
+    labels = [Label({}, k >= 25, "", {"m1": k / 20}) for k in range(101)]
     monkeypatch.setattr(check, "_labels", lambda rod, designs: labels[: len(designs)])
     over = check.uncertainty(unit, SOURCE, 101)
-    assert (over["angle_low"], over["angle_high"]) == pytest.approx((5.0, 95.0))
+    assert (over["angle_low"], over["angle_high"]) == pytest.approx((0.25, 4.75))
     assert over["folds"] == pytest.approx(76 / 101) and over["draws"] == 101
     assert over["ranges"] == {"E_i": [1e6, 4e6]}
     assert over["by_formula"] == 0
+    # No unit turns by more than a full turn, nor hangs down further than panels do.
+    labels = [Label({}, True, "", {"m1": k - 50.0}) for k in range(101)]
+    over = check.uncertainty(unit, SOURCE, 101)
+    assert (over["angle_low"], over["angle_high"]) == pytest.approx((-np.pi, 2 * np.pi))
 
 
 @pytest.mark.parametrize(
