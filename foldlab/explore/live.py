@@ -16,6 +16,7 @@ import pandas as pd
 from foldlab.design import FULL, PHYSICAL, DesignSpace, to_groups
 from foldlab.errors import InputError
 from foldlab.explore.asked import SIZES, Asked, asked, choice, materials, number, only
+from foldlab.unit.told import in_degrees
 
 if TYPE_CHECKING:
     from foldlab.predicted import Predictor
@@ -143,7 +144,8 @@ class Live:
         except InputError:
             return None
         angle = label.evidence.get("m1")
-        return {"foldable": label.foldable, "reason": label.reason, "fold_angle": angle}
+        reason = in_degrees(label.reason)
+        return {"foldable": label.foldable, "reason": reason, "fold_angle": angle}
 
     def ranges(self, request: Any) -> dict[str, Any]:
         """What the ranges of materials leave open, in words, of a unit of which some quantity is

@@ -13,6 +13,7 @@ from foldlab.explore.asked import Asked
 from foldlab.explore.nearest import Way, ways
 from foldlab.unit.check import ATTEMPTS, changes
 from foldlab.unit.sized import Sized
+from foldlab.unit.told import in_degrees
 
 if TYPE_CHECKING:
     from foldlab.labels.label import Label
@@ -33,10 +34,14 @@ def mended(what: Asked, source: SolverSource, tell: Tell) -> dict[str, Any]:
     tell("asking the solver of the design as it is")
     label = source.label(what.groups)
     if label.foldable:
-        return {"options": [], "folds": True, "said": f"it folds as it is: {label.reason}"}
+        return {
+            "options": [],
+            "folds": True,
+            "said": f"it folds as it is: {in_degrees(label.reason)}",
+        }
     by_size = what.unit is not None and not what.by_groups
     options = _sizes(what.unit, source, tell) if by_size else _groups(what, source, tell)
-    said = f"as it is: {label.reason}"
+    said = f"as it is: {in_degrees(label.reason)}"
     if not options:
         said += "; nothing near by was confirmed to fold" + (
             ", by a change of one size or the contraction" if by_size else ""
@@ -107,7 +112,7 @@ def _option(design: dict[str, Any], moved: list[dict], label: Label) -> dict[str
     return {
         "design": design,
         "changes": moved,
-        "reason": label.reason,
+        "reason": in_degrees(label.reason),
         "fold_angle": label.evidence["fold_angle"],
         "error_m1": label.evidence.get("error_m1"),
         "core_seconds": label.evidence["core_seconds"],

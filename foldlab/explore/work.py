@@ -123,6 +123,7 @@ def told(what: Asked, source: SolverSource, run: Run, label: Label) -> dict[str,
     from foldlab.explore.frames import frames
     from foldlab.unit.check import strained
     from foldlab.unit.sized import Sized
+    from foldlab.unit.told import in_degrees
 
     e: Mapping[str, Any] = label.evidence
     unit = what.unit or Sized({}, what.groups)
@@ -134,7 +135,7 @@ def told(what: Asked, source: SolverSource, run: Run, label: Label) -> dict[str,
     contact = "contact" in source.conditions.terms
     return {
         "foldable": label.foldable,
-        "reason": label.reason,
+        "reason": in_degrees(label.reason),
         **{name: e.get(name) for name in kept},
         "events": events,
         "contact": contact,

@@ -18,6 +18,7 @@ from foldlab.materials import read_materials
 from foldlab.predicted import Predictor
 from foldlab.terminal import plain
 from foldlab.unit.sized import sized
+from foldlab.unit.told import degrees
 
 MIDDLE = {name: float(FULL[name].from_unit(0.5)) for name in FULL.names}
 
@@ -41,7 +42,8 @@ def test_an_answer_is_that_of_the_shipped_models(live):
     assert told["fold_angle_error"] == pytest.approx(off * max(angles[0], told["need"]))
     assert told["nearest_distance"] == said.nearest(frame)["nearest_distance"][0]
     assert told["physical"] is None and told["outside"] == [] and told["coverage"] == 0.99
-    assert told["rod"]["reason"].startswith("folds by")
+    assert told["rod"]["reason"].startswith(f"folds by {degrees(told['rod']['fold_angle'])}")
+    assert " rad" not in told["rod"]["reason"]
     json.dumps(plain(told), allow_nan=False)
 
 

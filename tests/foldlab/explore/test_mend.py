@@ -62,7 +62,7 @@ class Judge:
         folds = groups["stiffness_to_weight"] >= self.folds_from
         evidence = {"fold_angle": 1.0, "error_m1": 0.01, "core_seconds": 0.5}
         return Label(
-            dict(groups), folds, "it folds" if folds else "too heavy", evidence, "toy", "1"
+            dict(groups), folds, "turns by 1 rad" if folds else "too heavy", evidence, "toy", "1"
         )
 
 
@@ -79,7 +79,7 @@ def test_groups_are_mended_by_the_model_and_confirmed_by_the_solver():
     assert alone["changes"][0]["from"] == pytest.approx(0.02)
     for option in told["options"]:
         groups = option["design"]["groups"]
-        assert groups["stiffness_to_weight"] >= 0.03 and option["reason"] == "it folds"
+        assert groups["stiffness_to_weight"] >= 0.03 and option["reason"] == "turns by 57.3°"
         assert {r["name"]: r["to"] for r in option["changes"]}.items() <= groups.items()
         asked(option["design"])
     assert len(near["changes"]) > 1 and said[-1].startswith("trying")
@@ -93,7 +93,7 @@ def test_what_the_solver_does_not_confirm_is_not_offered():
 def test_what_folds_is_left_alone():
     judge = Judge(0.0)
     told = mend.mended(asked({"groups": HEAVY}), judge, lambda text: None)
-    assert told == {"options": [], "folds": True, "said": "it folds as it is: it folds"}
+    assert told == {"options": [], "folds": True, "said": "it folds as it is: turns by 57.3°"}
     assert len(judge.asked) == 1
 
 

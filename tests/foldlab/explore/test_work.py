@@ -10,6 +10,7 @@ import pytest
 from foldlab.explore.live import FIRST
 from foldlab.explore.work import Desk
 from foldlab.terminal import plain
+from foldlab.unit.told import in_degrees
 
 
 @pytest.fixture(scope="module")
@@ -27,7 +28,10 @@ def array(text, kind="<f4"):
 def test_the_answer_is_the_labels(solved):
     desk, answer, said = solved
     label = desk.last[3]
-    assert answer["foldable"] is label.foldable is True and answer["reason"] == label.reason
+    assert answer["foldable"] is label.foldable is True and answer["reason"] == in_degrees(
+        label.reason
+    )
+    assert "°" in answer["reason"] and " rad" not in answer["reason"]
     assert answer["fold_angle"] == label.evidence["fold_angle"] > answer["need"]
     assert 0 < answer["error_m1"] < 0.2 and answer["core_seconds"] > 0
     assert answer["contact"] is True and answer["touches"] is False
