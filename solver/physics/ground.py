@@ -134,6 +134,11 @@ class Ground:
         """How far above the floor the barrier acts."""
         return self._range
 
+    @property
+    def area(self) -> np.ndarray:
+        """Reference area of each contact point, (points,)."""
+        return self._area
+
     def distances(self, u: np.ndarray) -> np.ndarray:
         """Distance of each contact point from the floor, (points,)."""
         return self._heights(self.body.nodes[:, self.axis] + u[:, self.axis]) - self._floor

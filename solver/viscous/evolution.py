@@ -2,8 +2,9 @@
 
 :func:`march` yields accepted states, :func:`evolve` collects them. Loads and growth are functions
 of e = load(t); what remembers are the :class:`solver.viscous.term.Viscous` terms of the scene, each
-of which is replaced by its successor at every step. A state holds all that the next step needs, so
-one that was saved continues to the identical path. States, steps and their errors use each other's
+of which is replaced by its successor at every step, and terms that learn from accepted states, such
+as seals. A state holds all that the next step needs, so one that was saved continues to the
+identical path. States, steps and their errors use each other's
 levels and stay in one file.
 """
 
@@ -22,7 +23,7 @@ from solver.equilibrium.newton import newton
 from solver.equilibrium.outcome import Outcome
 from solver.equilibrium.scene import Scene
 from solver.given import number, one_of, positive, whole
-from solver.viscous.term import Memory, Past, over_step, viscous
+from solver.viscous.term import Memory, Past, marked, over_step, viscous
 
 # Names of a memory's arrays in a file, in the order in which it gives them.
 KEPT = tuple(field.name for field in fields(Memory))
@@ -64,11 +65,13 @@ class TimeSteps:
 
 @dataclass(frozen=True, eq=False)
 class Level:
-    """An accepted instant: time, unknowns x (size,), a memory per viscous term."""
+    """An accepted instant: time, unknowns x (size,), a memory per viscous term, and a history per
+    term that learns from accepted states (:func:`solver.viscous.term.marked`)."""
 
     t: float
     x: np.ndarray
     memories: tuple[Memory, ...]
+    marks: tuple[np.ndarray, ...] = ()
 
 
 @dataclass(frozen=True, eq=False)
@@ -113,6 +116,7 @@ class State:
             for j, memory in enumerate(level.memories):
                 names = [f"{name}{k}_{j}" for name in KEPT]
                 arrays.update(zip(names, memory.arrays, strict=False))
+            arrays |= {f"mark{k}_{j}": mark for j, mark in enumerate(level.marks)}
         rest = {f.name: getattr(self, f.name) for f in fields(self)[2:]}
         draft = path.with_name(f".{path.name}.part.npz")
         np.savez_compressed(draft, facts=np.array(json.dumps(rest)), **arrays)
@@ -132,7 +136,9 @@ class State:
                     memories = tuple(
                         Memory(*(file[name] for name in row if name in file)) for row in names
                     )
-                    levels.append(Level(float(file[f"t{k}"]), file[f"x{k}"], memories))
+                    n = sum(name.startswith(f"mark{k}_") for name in file.files)
+                    marks = tuple(file[f"mark{k}_{j}"] for j in range(n))
+                    levels.append(Level(float(file[f"t{k}"]), file[f"x{k}"], memories, marks))
         except (KeyError, ValueError, EOFError) as error:
             raise ValueError(f"{path} holds no saved state ({error}); give a State.save") from error
         return cls(levels[0], tuple(levels[1:]), **facts)
@@ -174,7 +180,8 @@ class History:
 def start(scene: Scene, t: float = 0.0, e: float = 0.0) -> State:
     """The undeformed state at rest."""
     memories = tuple(v.rest() for v in viscous(scene))
-    return State(Level(t, np.zeros(scene.size), memories), e=e)
+    marks = tuple(term.history for term in marked(scene))
+    return State(Level(t, np.zeros(scene.size), memories, marks), e=e)
 
 
 def march(
@@ -245,7 +252,7 @@ def stepped(scene: Scene, before: State, after: State) -> Scene:
             "not follow each other; give a state of a path and the one after it"
         )
     _refuse_other(scene, before)
-    return over_step(scene, _pasts(before, after.dt, after.order))
+    return over_step(scene, _pasts(before, after.dt, after.order), before.level.marks)
 
 
 def warn_unresolved(terms, dt: float, load, t: float, until: float) -> None:
@@ -282,11 +289,13 @@ def warn_unresolved(terms, dt: float, load, t: float, until: float) -> None:
 
 
 def _refuse_other(scene: Scene, state: State) -> None:
-    terms = viscous(scene)
-    if len(state.x) != scene.size or len(state.level.memories) != len(terms):
+    level = state.level
+    has = len(state.x), len(level.memories), len(level.marks)
+    needs = scene.size, len(viscous(scene)), len(marked(scene))
+    if has != needs:
         raise ValueError(
-            f"the state has {len(state.x)} unknowns and {len(state.level.memories)} memories, the "
-            f"scene {scene.size} and {len(terms)}; it belongs to another scene"
+            f"the state has {has[0]} unknowns, {has[1]} memories and {has[2]} histories of others, "
+            f"the scene {needs[0]}, {needs[1]} and {needs[2]}; it belongs to another scene"
         )
 
 
@@ -365,7 +374,7 @@ def _attempt(scene, state, stepper, t, dt, e) -> State | _Failed:
         pasts = _pasts(state, dt, order)
         if not all(past.sound for past in pasts):
             continue
-        now = over_step(scene, pasts)
+        now = over_step(scene, pasts, state.level.marks)
         following = viscous(now)
         for guess in _guesses(state, t):
             result = newton(
@@ -382,7 +391,8 @@ def _attempt(scene, state, stepper, t, dt, e) -> State | _Failed:
         memories = tuple(term.memory(u, e) for term in following)
         if any(memory is None for memory in memories):
             return replace(failed, outcome=Outcome.INADMISSIBLE)
-        level = Level(t, result.x, memories)
+        marks = tuple(term.after(u) for term in marked(now))
+        level = Level(t, result.x, memories, marks)
         losses = [term.dissipation(m, e) for term, m in zip(following, memories, strict=True)]
         works = [work for _, work in losses]
         taken, worked = (

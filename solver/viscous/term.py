@@ -350,10 +350,18 @@ def viscous(scene: Scene) -> list[Viscous]:
     return viscous
 
 
-def over_step(scene: Scene, pasts: Sequence[Past]) -> Scene:
-    """The scene with its viscous terms over the step that starts from their pasts, one each."""
+def marked(scene: Scene) -> list:
+    """Terms beside the viscous ones that learn from accepted states, such as
+    :class:`solver.viscous.seal.Seal`: with a ``history``, ``after(u)`` and ``with_history``."""
+    return [term for term in scene.terms if hasattr(term, "with_history")]
+
+
+def over_step(scene: Scene, pasts: Sequence[Past], marks: Sequence[np.ndarray] = ()) -> Scene:
+    """The scene with its viscous terms over the step that starts from their pasts, and those of
+    :func:`marked` from their histories, one each."""
     terms = viscous(scene)
     swap = {id(a): a.stepped(past) for a, past in zip(terms, pasts, strict=True)}
+    swap |= {id(a): a.with_history(h) for a, h in zip(marked(scene), marks, strict=True)}
     return scene.with_terms([swap.get(id(term), term) for term in scene.terms])
 
 
