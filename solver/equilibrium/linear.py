@@ -3,8 +3,8 @@
 PARDISO (through MKL) where it is installed: the pattern is analysed once, each matrix is factorised
 anew, and a symmetric indefinite factorisation gives the inertia. SuperLU elsewhere; its inertia
 comes from the signs of U's diagonal, which are those of an LDLᵀ only without pivoting, so it counts
-only where no row was exchanged. Conjugate gradients with algebraic multigrid for large positive
-definite systems, where a factorisation would not fit; they count nothing.
+only where no row was exchanged. Conjugate gradients, for large positive definite systems:
+:mod:`solver.equilibrium.iterative`.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from importlib.metadata import PackageNotFoundError, files
 
 import numpy as np
 import scipy.sparse as sp
-from scipy.sparse.linalg import cg, splu
+from scipy.sparse.linalg import splu
 
 _INT = ctypes.c_int32
 _NONE = np.zeros(1)
@@ -71,6 +71,7 @@ def make_solver(
     method: str = "auto",
     bordered: bool = False,
     modes: np.ndarray | None = None,
+    coarse: sp.csr_array | None = None,
     block: int = 1,
 ):
     """A solver for one sparsity pattern.
@@ -78,7 +79,8 @@ def make_solver(
     ``indptr``, ``indices``: CSR with sorted indices; for a symmetric matrix its upper triangle,
     each diagonal entry present. ``method``: ``pardiso``, ``superlu``, ``auto`` (the first that is
     installed), or ``cg`` (needs a symmetric matrix, and ``modes`` (n, 6): the rigid motions in its
-    unknowns). ``bordered``: the matrix has constraint rows with a zero diagonal. ``block``: order
+    unknowns; with ``coarse`` (n, m), whose columns span a space of smooth functions, it works on
+    two levels). ``bordered``: the matrix has constraint rows with a zero diagonal. ``block``: order
     of the square blocks that the pattern is one of, see :class:`Pardiso`, which alone takes them.
 
     Raises ValueError for an unknown method or one that does not suit the matrix, ImportError if
@@ -89,7 +91,9 @@ def make_solver(
     if method == "cg":
         if not symmetric or modes is None:
             raise ValueError("conjugate gradients need a symmetric matrix and its rigid modes")
-        return ConjugateGradients(indptr, indices, modes)
+        from solver.equilibrium.iterative import ConjugateGradients
+
+        return ConjugateGradients(indptr, indices, modes, coarse)
     if method == "superlu" or (method == "auto" and mkl_pardiso() is None):
         return SuperLU(indptr, indices, symmetric=symmetric)
     return Pardiso(indptr, indices, symmetric=symmetric, bordered=bordered, block=block)
@@ -266,45 +270,3 @@ class SuperLU:
         if self._symmetric and np.array_equal(lu.perm_r, lu.perm_c):
             negative = int(np.sum(lu.U.diagonal() < 0))
         return Factor(lambda b, transposed: lu.solve(b, "T" if transposed else "N"), negative)
-
-
-class ConjugateGradients:
-    """CG preconditioned by smoothed aggregation with the rigid motions as near null space."""
-
-    def __init__(self, indptr, indices, modes: np.ndarray, *, rtol: float = 1e-10, most: int = 500):
-        self.n = len(indptr) - 1
-        self.iterations = 0  # of the latest solve
-        self._pattern = (np.asarray(indices), np.asarray(indptr))
-        self._modes, self._rtol, self._most = modes, rtol, most
-
-    def factorise(self, values: np.ndarray) -> Factor:
-        """Set up the preconditioner for the matrix with these values; shape (nnz,)."""
-        import pyamg
-
-        upper = sp.csr_array((values, *self._pattern), shape=(self.n, self.n))
-        matrix = sp.csr_matrix(upper + sp.triu(upper, 1).T)
-        hierarchy = pyamg.smoothed_aggregation_solver(
-            matrix, B=self._modes, strength=("symmetric", {"theta": 0.02}), max_coarse=300
-        )
-        preconditioner = hierarchy.aspreconditioner()
-
-        def solve(b, transposed=False):
-            if b.ndim == 2:
-                return np.column_stack([solve(column) for column in b.T])
-            count = [0]
-
-            def step(_):
-                count[0] += 1
-
-            x, failed = cg(
-                matrix, b, rtol=self._rtol, maxiter=self._most, M=preconditioner, callback=step
-            )
-            self.iterations = count[0]
-            if failed or not np.isfinite(x).all():
-                raise SingularMatrix(
-                    f"conjugate gradients did not converge in {self._most} iterations: the matrix "
-                    "is not positive definite or badly conditioned; use a direct method"
-                )
-            return x
-
-        return Factor(solve, None)

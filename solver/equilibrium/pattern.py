@@ -18,6 +18,7 @@ import numpy as np
 import scipy.sparse as sp
 
 from solver.equilibrium import checks
+from solver.equilibrium.iterative import product, prolongation, rigid_modes
 from solver.equilibrium.linear import (
     Factor,
     ScaledFactor,
@@ -192,21 +193,6 @@ def _entries(
 
 
 @numba.njit(cache=True)
-def _product(indptr, indices, values, x, symmetric):
-    """The matrix times x; of a symmetric one the upper triangle is stored."""
-    out = np.zeros(len(x))
-    for i in range(len(x)):
-        total = 0.0
-        for k in range(indptr[i], indptr[i + 1]):
-            j = indices[k]
-            total += values[k] * x[j]
-            if symmetric and j != i:
-                out[j] += values[k] * x[i]
-        out[i] += total
-    return out
-
-
-@numba.njit(cache=True)
 def _hold(indptr, indices, held, diagonal, values):
     for i in range(len(indptr) - 1):
         for k in range(indptr[i], indptr[i + 1]):
@@ -291,7 +277,8 @@ class Frame:
                 symmetric=self.symmetric,
                 method=linear,
                 bordered=bool(self.rows),
-                modes=_rigid_modes(body, self.held) if linear == "cg" else None,
+                modes=rigid_modes(body, held) if linear == "cg" else None,
+                coarse=prolongation(body, held) if linear == "cg" else None,
             )
         self._places: dict[int, tuple[NodeGraph, np.ndarray]] = {}
         self._row_scale: np.ndarray | None = None
@@ -315,7 +302,7 @@ class Frame:
 
     def times(self, values: np.ndarray, x: np.ndarray) -> np.ndarray:
         """The product of the matrix with these entries and x (size,)."""
-        return _product(self.pattern.indptr, self.pattern.indices, values, x, self.symmetric)
+        return product(self.pattern.indptr, self.pattern.indices, values, x, self.symmetric)
 
     def modes_of_symmetric_part(self, values: np.ndarray) -> int | None:
         """Unstable modes of an unsymmetric matrix, if its symmetric part decides; None if not.
@@ -357,11 +344,3 @@ class Frame:
             a = np.repeat(np.arange(size), np.diff(p.indptr))
             self._entry_scale = self._row_scale[a] * self._row_scale[p.indices]
         return values * self._entry_scale
-
-
-def _rigid_modes(body: Body, held: Held) -> np.ndarray:
-    """Translations and rotations in the free unknowns, (n_free, 6)."""
-    arm = (body.nodes - body.nodes.mean(axis=0)) / body.length
-    modes = [np.broadcast_to(axis, arm.shape) for axis in np.eye(3)]
-    modes += [np.cross(axis, arm) for axis in np.eye(3)]
-    return np.column_stack([held.to_local(m.copy()).ravel()[held.index] for m in modes])
