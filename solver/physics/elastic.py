@@ -6,6 +6,7 @@ Elastic with growth (Π = ∫ Jg ψ(Fe) dV₀), gravity (Eq. 4.2) and dead tract
 
 from __future__ import annotations
 
+import copy
 import warnings
 
 import numpy as np
@@ -91,6 +92,12 @@ class Elastic:
         """Indices of the cells that the term covers."""
         return self._ids
 
+    def with_growth(self, growth: Growth) -> Elastic:
+        """The same term with another growth; nothing else is checked again."""
+        other = copy.copy(self)
+        other.growth, other._memo = one_of("growth", Growth, growth, "such as Isotropic"), None
+        return other
+
     def _at(self, e: float):
         """Properties, Fg⁻¹ and Jg at e. The memo holds one load and is invisible from outside."""
         memo = self._memo
@@ -145,6 +152,36 @@ class Elastic:
         if not np.isfinite(energy):
             return Evaluation(np.inf)
         return Evaluation(energy, force, blocks, own=True)
+
+    def by_growth(self, u: np.ndarray, e: float, rate: np.ndarray) -> np.ndarray | None:
+        """How the stress S = ∂(Jg ψ)/∂F (m, q, 3, 3), force_a = ∫ S ∂N_a/∂X dV₀, changes while
+        growth does and nothing moves; None where the material does not admit u.
+
+        ``rate`` (1 | m, 1 | q, 3, 3): L = dFg Fg⁻¹ per change of what drives the growth at each
+        point. From Fe = F Fg⁻¹ follow dFe = −Fe L and
+
+            dS = Jg (tr L P − P Lᵀ − A : (Fe L)) Fg⁻ᵀ.
+
+        0 off the term's cells.
+        """
+        _, inverse, J = self._at(e)
+        if not len(J):
+            raise ValueError(f"term {self.name!r} does not grow; give it a growth")
+        shape = self.body.weights.shape
+        rate = np.broadcast_to(rate, (*shape, 3, 3))
+        out = np.zeros((*shape, 3, 3))
+        for chunk in self._chunks(u, e, 2):
+            if chunk is None:
+                return None
+            _, ids, _, F, _, P, A = chunk
+            F, P, A, L = F[: len(ids)], P[: len(ids)], A[: len(ids)], rate[ids]
+            dP = np.trace(L, axis1=2, axis2=3)[..., None, None] * P - P @ np.swapaxes(L, 2, 3)
+            dP -= np.einsum("cqiJkL,cqkL->cqiJ", A, F @ L)
+            volume = J[ids] if len(J) > 1 else J
+            out[ids] = volume[..., None, None] * dP @ np.swapaxes(
+                inverse[ids] if len(inverse) > 1 else inverse, 2, 3
+            )
+        return out
 
     def extrapolated(self, u: np.ndarray, du: np.ndarray, e: float) -> np.ndarray | None:
         """Stresses Fe⁻¹P (cells, points, 3, 3) that a step du (n, 3) from u would lead to if they

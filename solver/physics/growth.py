@@ -161,6 +161,19 @@ class Apical(Growth):
         self.g, self.beta = g, beta
 
     def tensor(self, e, shape, points=None):
+        return (1 / self._rest(e, shape, points)[1])[..., None, None] * np.eye(3)
+
+    def by_beta(
+        self, e: float, shape: tuple[int, int], points: Points | None = None
+    ) -> np.ndarray:
+        """∂Fg/∂β Fg⁻¹ = g/(1 − g β) I at each point, (1 | m, 1 | q, 3, 3), 0 where the mask has no
+        growth; raises what :meth:`evaluate` does."""
+        g, rest = self._rest(e, shape, points)
+        rate = (g / rest)[..., None, None] * np.eye(3)
+        return rate if self.cells is None else np.where(self.cells[:, None, None, None], rate, 0.0)
+
+    def _rest(self, e, shape, points):
+        """g and 1 − g β."""
         g = resolve("growth g", self.g, e, shape, points)
         beta = self.beta
         if callable(beta) and not takes_position(beta):
@@ -182,7 +195,7 @@ class Apical(Growth):
                 f"1 - g beta = {rest.min():.4g} at e = {e:g} (cell {cell}, point {point}); "
                 "expected more than 0: take g < 1 (g < 0 contracts)"
             )
-        return (1 / rest)[..., None, None] * np.eye(3)
+        return g, rest
 
 
 class General(Growth):

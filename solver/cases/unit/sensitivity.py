@@ -21,6 +21,7 @@ import numpy as np
 from solver.cases.unit.mesh import Curves
 from solver.cases.unit.model import Model, acting, body_of
 from solver.cases.unit.unit import Unit
+from solver.equilibrium.sensitivity import Sensitivity
 
 GROUPS = tuple(f.name for f in fields(Unit) if f.name not in ("nu", "strips", "strip_share"))
 # Of these the mesh knows nothing.
@@ -60,15 +61,14 @@ def neighbours(
         raise ValueError("a mesh of one's own does not follow the groups, and has no derivatives")
     scene = model.scene
     u = scene.displacement(x, e)
-    factor = scene.system(x, e).factorise()
+    answers = Sensitivity(scene, scene.system(x, e))
     for name in groups:
         value, change = getattr(model.unit, name), CHANGE[name in MATERIAL]
         low, high = (_beside(model, name, value * (1 + s * change)) for s in (-1, 1))
         if low is None or high is None:
             continue
         apart = getattr(high.unit, name) - getattr(low.unit, name)
-        pull = scene.pulls(_force(high, u, e) - _force(low, u, e)) / apart
-        rate = -factor.solve(pull)
+        rate = answers.rate((_force(high, u, e) - _force(low, u, e)) / apart)
         yield Neighbours(
             name,
             apart,
