@@ -24,6 +24,10 @@ MAY = {
     "solver.paths": {"solver.equilibrium"},
     "solver.viscous": {"solver.mesh", "solver.physics", "solver.equilibrium"},
     "solver.transport": {"solver.mesh", "solver.physics"},
+    # What a fit varies are states of equilibrium and, in time, of viscous bodies.
+    "solver.fitting": {
+        "solver.mesh", "solver.physics", "solver.equilibrium", "solver.paths", "solver.viscous",
+    },
     "solver.output": {"solver.mesh", "solver.physics"},
     "solver.cases": set(),
     "solver.cases.unit": {
@@ -40,6 +44,7 @@ MAY = {
     "solver.cases.tissue": {
         "solver.cases", "solver.mesh", "solver.physics", "solver.equilibrium", "solver.transport",
         "solver.viscous",
+        "solver.fitting",  # a pattern with parameters says on which skin its shape is seen
     },
     "foldlab": {"foldlab.datasets"},
     "foldlab.design": set(),

@@ -22,8 +22,8 @@ class Sensitivity:
     """Of an equilibrium of a scene; ``system``: its own, as that of a converged
     :class:`solver.equilibrium.newton.NewtonResult`.
 
-    Both methods raise :class:`solver.equilibrium.linear.SingularMatrix` at a critical point, where
-    there are no derivatives.
+    At a critical point there are no derivatives; both methods raise
+    :class:`solver.equilibrium.linear.SingularMatrix` where the factorisation meets one.
     """
 
     scene: Scene

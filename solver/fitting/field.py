@@ -64,6 +64,8 @@ def contracting(terms) -> Elastic:
 
 def refused(beta: np.ndarray) -> str:
     """Why a pattern can't be one, in words; empty where it can."""
-    if np.isfinite(beta).all() and (beta >= 0).all() and (beta <= 1).all():
-        return ""
-    return f"beta would run from {np.nanmin(beta):.4g} to {np.nanmax(beta):.4g}, outside of [0, 1]"
+    if not np.isfinite(beta).all():
+        return "beta would not be finite"
+    low, high = float(beta.min()), float(beta.max())
+    inside = low >= 0 and high <= 1
+    return "" if inside else f"beta would run from {low:.4g} to {high:.4g}, outside of [0, 1]"

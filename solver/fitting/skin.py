@@ -99,6 +99,17 @@ class Skin:
         normal /= np.linalg.norm(normal, axis=1)[:, None]
         return Feet(self._cells[at], self._shapes(at, where)[0], position, normal)
 
+    def scattered(self, x: np.ndarray, n: int, rng: np.random.Generator) -> np.ndarray:
+        """Random places on the skin, (n, 3), about as many on each area, for synthetic shapes."""
+        f = len(self.facets)
+        at, where = self._samples
+        J = self._at(x, at, where)[1]
+        areas = np.linalg.norm(np.cross(J[..., 0], J[..., 1]), axis=1).reshape(f, -1).sum(axis=1)
+        st = rng.uniform(size=(n, 2))
+        if self._triangles:
+            st = np.where(st.sum(axis=1, keepdims=True) > 1, 1 - st, st)
+        return self._at(x, rng.choice(f, size=n, p=areas / areas.sum()), st)[0]
+
     def _improved(self, x, facet, st, aims, most):
         for _ in range(most):
             position, J = self._at(x, facet, st)

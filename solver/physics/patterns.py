@@ -97,26 +97,36 @@ def read_pattern(path: str | Path, field: str = "beta", *, reach: float | None =
     :data:`MOST_BYTES` or of more points than :data:`MOST_POINTS`, a missing column or field, and
     entries of these that are no numbers; other columns may hold anything.
     """
+    path = checked_file(path, f"the field {field!r}")
+    reader = _read_csv if path.suffix.lower() == ".csv" else _read_vtu
+    return reader(path, field, reach)
+
+
+def checked_file(path: str | Path, what: str) -> Path:
+    """A .csv or .vtu with ``what``, which is there and not too large; ValueError else."""
     path = Path(path)
     if not path.is_file():
-        raise ValueError(f"there is no file {path}; give a .csv or .vtu with the field {field!r}")
+        raise ValueError(f"there is no file {path}; give a .csv or .vtu with {what}")
     if path.stat().st_size > MOST_BYTES:
         raise ValueError(f"{path.name} is larger than {MOST_BYTES / 1e6:g} MB")
-    if path.suffix.lower() == ".csv":
-        return _read_csv(path, field, reach)
-    if path.suffix.lower() == ".vtu":
-        return _read_vtu(path, field, reach)
-    raise ValueError(f"{path.name}: expected a name that ends in .csv or .vtu")
+    if path.suffix.lower() not in (".csv", ".vtu"):
+        raise ValueError(f"{path.name}: expected a name that ends in .csv or .vtu")
+    return path
 
 
 def _read_csv(path, field, reach):
-    try:
-        with path.open(encoding="utf-8-sig", newline="") as file:
-            rows = [row for row in csv.reader(file, skipinitialspace=True) if any(row)]
-    except (csv.Error, UnicodeDecodeError) as error:
-        raise ValueError(f"{path.name} is no table of text: {error}") from error
-    header = [name.strip() for name in rows[0]] if rows else []
-    wanted = ["x", "y", "z", field]
+    table = read_columns(path, ["x", "y", "z", field])
+    return Pattern(table[:, :3], table[:, 3], name=path.name, reach=reach)
+
+
+def columns_of(path: Path) -> list[str]:
+    """The names of a CSV's columns; raises ValueError for a file that is no text."""
+    return _rows(path)[0]
+
+
+def read_columns(path: Path, wanted: list[str]) -> np.ndarray:
+    """Columns of a CSV by their names, (rows, columns); raises what :func:`read_pattern` does."""
+    header, rows = _rows(path)
     for name in wanted:
         if header.count(name) != 1:
             raise ValueError(
@@ -124,8 +134,8 @@ def _read_csv(path, field, reach):
                 f"{name!r}; there are: {', '.join(header) or 'none'}; expected {', '.join(wanted)}"
             )
     columns = [header.index(name) for name in wanted]
-    table = np.empty((len(rows) - 1, 4))
-    for k, row in enumerate(rows[1:]):
+    table = np.empty((len(rows), len(wanted)))
+    for k, row in enumerate(rows):
         try:
             if any(row[len(header) :]):
                 raise ValueError(f"{len(row)} cells below a header of {len(header)}")
@@ -135,10 +145,32 @@ def _read_csv(path, field, reach):
             table[k] = [float(cell) for cell in cells]
         except (ValueError, IndexError) as error:
             raise ValueError(f"{path.name} is no table of numbers in row {k}: {error}") from error
-    return Pattern(table[:, :3], table[:, 3], name=path.name, reach=reach)
+    return table
+
+
+def _rows(path):
+    """Header and rows of a CSV."""
+    try:
+        with path.open(encoding="utf-8-sig", newline="") as file:
+            rows = [row for row in csv.reader(file, skipinitialspace=True) if any(row)]
+    except (csv.Error, UnicodeDecodeError) as error:
+        raise ValueError(f"{path.name} is no table of text: {error}") from error
+    return [name.strip() for name in rows[0]] if rows else [], rows[1:]
 
 
 def _read_vtu(path, field, reach):
+    points, numbers = read_grid(path)
+    if field not in numbers:
+        raise ValueError(
+            f"{path.name} has no point field {field!r} of numbers; "
+            f"there are: {', '.join(numbers) or 'none'}"
+        )
+    return Pattern(points, numbers[field], name=path.name, reach=reach)
+
+
+def read_grid(path: Path) -> tuple[np.ndarray, dict[str, np.ndarray]]:
+    """Points (n, 3) of a VTU and its point fields of numbers; raises what :func:`read_pattern`
+    does."""
     from vtkmodules.util.numpy_support import vtk_to_numpy
     from vtkmodules.vtkIOXML import vtkXMLUnstructuredGridReader
 
@@ -168,11 +200,5 @@ def _read_vtu(path, field, reach):
     data = grid.GetPointData()
     # Arrays of words are None here.
     arrays = [a for i in range(data.GetNumberOfArrays()) if (a := data.GetArray(i))]
-    numbers = {array.GetName(): vtk_to_numpy(array) for array in arrays if array.GetName()}
-    if field not in numbers:
-        raise ValueError(
-            f"{path.name} has no point field {field!r} of numbers; "
-            f"there are: {', '.join(numbers) or 'none'}"
-        )
-    points = vtk_to_numpy(grid.GetPoints().GetData())
-    return Pattern(points, numbers[field], name=path.name, reach=reach)
+    fields = {array.GetName(): vtk_to_numpy(array) for array in arrays if array.GetName()}
+    return vtk_to_numpy(grid.GetPoints().GetData()), fields

@@ -11,6 +11,8 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from solver.cases.tissue.furrow import Shape
+from solver.fitting.skin import Skin
+from solver.mesh.body import Body
 
 POWER = 2  # of the depth, as in Shape.beta
 
@@ -19,6 +21,14 @@ def places(shape: Shape, X: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndar
     """Angle, |x| and depth in [0, 1] of positions (..., 3)."""
     around = np.arctan2(np.abs(X[..., 1]), -X[..., 2])
     return around, np.abs(X[..., 0]), np.clip(shape.depth(X), 0, 1)
+
+
+def outside(body: Body, shape: Shape | None = None) -> Skin:
+    """The outer side of a furrow's shell, which is what pictures show."""
+    facets = body.mesh.boundary_facets()
+    corners = np.moveaxis(body.mesh.p[:, body.mesh.facets[:, facets]], 0, -1)
+    outer = (shape or Shape()).depth(corners) > 1 - 1e-6
+    return Skin(body, facets[outer.all(axis=0)])
 
 
 @dataclass(frozen=True, eq=False)
