@@ -11,7 +11,7 @@ from scipy.spatial import cKDTree
 from solver.mesh.body import Body
 
 # Samples of a facet along each direction, candidates of a point, and most iterations of each.
-SAMPLES, CANDIDATES, ROUGH, FINE = 4, 4, 4, 40
+SAMPLES, CANDIDATES, ROUGH, FINE = 4, 12, 3, 40
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,13 +38,46 @@ class Skin:
         side = (mesh.t2f[:, own] == facets).argmax(axis=0)
         ref = mesh.elem.refdom
         corners = np.array([[ref.p[:, c[i]] for i in (0, 1, -1)] for c in ref.facets], float)[side]
-        self._origin, self._along = corners[:, 0], corners[:, 1:] - corners[:, :1]
-        self._cells = body.cells[own]
         self._triangles = body.element.startswith("tet")
-        inside = body.nodes[body.cells].mean(axis=1)[own]
-        x, J = self._at(body.nodes, np.arange(len(facets)), np.full((len(facets), 2), 1 / 3))
-        out = np.einsum("fi,fi->f", np.cross(J[..., 0], J[..., 1]), x - inside)
-        self._sign = np.sign(out)
+        most = 2 if self._triangles else 4
+        self._powers = np.array([(i, j) for i in range(3) for j in range(3) if i + j <= most]).T
+        self._nodes = body.cells[own]
+        self._shapes = self._polynomials(corners)
+        inside = body.nodes[self._nodes].mean(axis=1)
+        middle = np.full((len(facets), 2), 1 / 3)
+        x, J = self._at(self._patches(body.nodes), middle)
+        self._sign = np.sign(np.einsum("fi,fi->f", np.cross(J[..., 0], J[..., 1]), x - inside))
+
+    def _polynomials(self, corners):
+        """Shape functions of the cells' nodes on the facets, as coefficients of s^i t^j (f, c, k),
+        from the facets' corners in the reference cell (f, 3, 3)."""
+        st = self._powers.T / 2
+        monomials = self._monomials(st)[0]
+        kinds, which = np.unique(corners, axis=0, return_inverse=True)
+        element, k = self.body.reference, self._nodes.shape[1]
+        coefficients = []
+        for a, b, d in kinds:
+            local = (a + st[:, :1] * (b - a) + st[:, 1:] * (d - a)).T
+            N = [np.broadcast_to(element.lbasis(local, n)[0], len(st)) for n in range(k)]
+            coefficients.append(np.linalg.solve(monomials, np.stack(N, axis=1)))
+        return np.array(coefficients)[which.ravel()]
+
+    def _monomials(self, st):
+        """s^i t^j (p, c) at places (p, 2), and their slopes (p, c, 2)."""
+        i, j = self._powers
+        s, t = st[:, :1], st[:, 1:]
+        ds, dt = i * s ** np.maximum(i - 1, 0) * t**j, j * s**i * t ** np.maximum(j - 1, 0)
+        return s**i * t**j, np.stack([ds, dt], axis=-1)
+
+    def _patches(self, x):
+        """The facets with nodes at x (n, 3), as coefficients (f, c, 3)."""
+        return self._shapes @ x[self._nodes]
+
+    def _at(self, patches, st):
+        """Positions (p, 3) and their slopes (p, 3, 2) at places (p, 2) in patches (p, c, 3)."""
+        value, slopes = self._monomials(st)
+        position = np.einsum("pc,pci->pi", value, patches)
+        return position, np.einsum("pct,pci->pit", slopes, patches)
 
     @cached_property
     def _samples(self) -> tuple[np.ndarray, np.ndarray]:
@@ -56,70 +89,55 @@ class Skin:
         f = len(self.facets)
         return np.repeat(np.arange(f), len(st)), np.tile(st, (f, 1))
 
-    @cached_property
-    def _sampled(self) -> np.ndarray:
-        """Shapes of the cells' nodes at the samples, (s, k)."""
-        return self._shapes(*self._samples)[0]
-
-    def _shapes(self, facet, st):
-        """Shape functions (p, k) of the cells' nodes at places (p, 2) in facets (p,), and their
-        slopes there (p, k, 2)."""
-        along = self._along[facet]
-        local = (self._origin[facet] + np.einsum("pt,pti->pi", st, along)).T
-        element, k = self.body.reference, self._cells.shape[1]
-        both = [element.lbasis(local, a) for a in range(k)]
-        p = len(facet)
-        values = np.stack([np.broadcast_to(v, p) for v, _ in both], axis=-1)
-        slopes = np.stack([np.broadcast_to(d, (3, p)) for _, d in both], axis=-1)
-        return values, np.einsum("ipk,pti->pkt", slopes, along)
-
-    def _at(self, x, facet, st):
-        """Positions (p, 3) and their derivatives (p, 3, 2) for nodes at x (n, 3)."""
-        values, slopes = self._shapes(facet, st)
-        mine = x[self._cells[facet]]
-        return np.einsum("pk,pki->pi", values, mine), np.einsum("pkt,pki->pit", slopes, mine)
-
     def nearest(self, x: np.ndarray, points: np.ndarray) -> Feet:
         """The places nearest to points (p, 3) on the skin of the body with its nodes at x (n, 3).
 
         From the nearest samples by Gauss–Newton steps on |y − x(s, t)|², held to the facet.
         """
         facet, st = self._samples
-        tree = cKDTree(np.einsum("sk,ski->si", self._sampled, x[self._cells[facet]]))
-        tried = tree.query(points, k=CANDIDATES)[1].ravel()
-        at, where = facet[tried], st[tried]
-        aims = np.repeat(points, CANDIDATES, axis=0)
-        where = self._improved(x, at, where, aims, ROUGH)
-        off = np.linalg.norm(aims - self._at(x, at, where)[0], axis=1).reshape(-1, CANDIDATES)
-        best = np.arange(len(points)) * CANDIDATES + off.argmin(axis=1)
+        patches = self._patches(x)
+        tree = cKDTree(self._at(patches[facet], st)[0])
+        tried = tree.query(points, k=min(CANDIDATES, len(st)))[1].reshape(len(points), -1)
+        each = tried.shape[1]
+        at, aims = facet[tried.ravel()], np.repeat(points, each, axis=0)
+        where = self._improved(patches[at], st[tried.ravel()], aims, ROUGH)
+        off = np.linalg.norm(aims - self._at(patches[at], where)[0], axis=1).reshape(-1, each)
+        best = np.arange(len(points)) * each + off.argmin(axis=1)
         at = at[best]
-        where = self._improved(x, at, where[best], points, FINE)
-        position, J = self._at(x, at, where)
+        where = self._improved(patches[at], where[best], points, FINE)
+        position, J = self._at(patches[at], where)
         normal = np.cross(J[..., 0], J[..., 1]) * self._sign[at, None]
         normal /= np.linalg.norm(normal, axis=1)[:, None]
-        return Feet(self._cells[at], self._shapes(at, where)[0], position, normal)
+        shapes = np.einsum("pc,pck->pk", self._monomials(where)[0], self._shapes[at])
+        return Feet(self._nodes[at], shapes, position, normal)
 
     def scattered(self, x: np.ndarray, n: int, rng: np.random.Generator) -> np.ndarray:
         """Random places on the skin, (n, 3), about as many on each area, for synthetic shapes."""
         f = len(self.facets)
-        at, where = self._samples
-        J = self._at(x, at, where)[1]
+        (at, where), patches = self._samples, self._patches(x)
+        J = self._at(patches[at], where)[1]
         areas = np.linalg.norm(np.cross(J[..., 0], J[..., 1]), axis=1).reshape(f, -1).sum(axis=1)
         st = rng.uniform(size=(n, 2))
         if self._triangles:
             st = np.where(st.sum(axis=1, keepdims=True) > 1, 1 - st, st)
-        return self._at(x, rng.choice(f, size=n, p=areas / areas.sum()), st)[0]
+        return self._at(patches[rng.choice(f, size=n, p=areas / areas.sum())], st)[0]
 
-    def _improved(self, x, facet, st, aims, most):
+    def _improved(self, patches, st, aims, most):
         for _ in range(most):
-            position, J = self._at(x, facet, st)
+            position, J = self._at(patches, st)
             pull = np.einsum("pit,pi->pt", J, aims - position)
             H = np.einsum("pit,piu->ptu", J, J)
+            slant = H[:, 0, 0] + H[:, 1, 1] - 2 * H[:, 0, 1]
             # What pushes against an edge of the facet stays there.
             stuck = ((st <= 0) & (pull < 0)) | ((st >= 1) & (pull > 0))
             H[stuck[:, 0], 0, 1] = H[stuck[:, 0], 1, 0] = 0
             H[stuck[:, 1], 0, 1] = H[stuck[:, 1], 1, 0] = 0
             step = np.linalg.solve(H, np.where(stuck, 0, pull)[..., None])[..., 0]
+            if self._triangles:
+                # So does what pushes against the slanted edge, but for its way along it.
+                at = (st.sum(axis=1) >= 1 - 1e-14) & (step.sum(axis=1) > 0)
+                along = (pull[:, 0] - pull[:, 1]) / slant
+                step = np.where(at[:, None], along[:, None] * [1, -1], step)
             after = self._held(st + step)
             if np.abs(after - st).max(initial=0.0) < 1e-13:
                 return after
