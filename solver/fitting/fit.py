@@ -135,7 +135,7 @@ class Fit:
         ranges = self.field.high - self.field.low
         precision = self.information + (0 if self.prior is None else self.prior.precision)
         values, vectors = np.linalg.eigh(precision * np.outer(ranges, ranges))
-        values = np.maximum(values, 1e-15 * max(values.max(), 1e-300))
+        values = np.maximum(values, 1e-12 * max(values.max(), 1e-300))
         vectors = ranges[:, None] * vectors
         return (vectors / values) @ vectors.T
 
@@ -163,14 +163,18 @@ class Fit:
         return self.field.values(self.p, X), wide * sd
 
     @cached_property
-    def combinations(self) -> tuple[Combination, ...]:
-        """Of the parameters, independent by the data, the least fixed first."""
+    def _informed(self) -> tuple[np.ndarray, np.ndarray]:
+        """Eigenvalues (k,) and vectors (k, k) of the information in ranges, rounding as 0."""
         ranges = self.field.high - self.field.low
         values, vectors = np.linalg.eigh(self.information * np.outer(ranges, ranges))
+        return np.where(values > 1e-12 * values[-1], values, 0.0), vectors
+
+    @cached_property
+    def combinations(self) -> tuple[Combination, ...]:
+        """Of the parameters, independent by the data, the least fixed first."""
         found = []
-        for value, vector in zip(values, vectors.T, strict=True):
-            known = value > 1e-12 * values[-1]
-            sd = float(1 / np.sqrt(value)) if known else np.inf
+        for value, vector in zip(self._informed[0], self._informed[1].T, strict=True):
+            sd = float(1 / np.sqrt(value)) if value > 0 else np.inf
             found.append(Combination(dict(zip(self.field.names, vector, strict=True)), sd))
         return tuple(found)
 
@@ -187,7 +191,10 @@ class Fit:
     @property
     def freedom(self) -> float:
         """Residuals less the parameters that the data decided, tr(C JᵀJ): what Σ r² should be."""
-        return len(self.residuals) - float(np.trace(self.covariance @ self.information))
+        values, vectors = self._informed
+        ranges = self.field.high - self.field.low
+        rest = vectors.T @ (self.covariance / np.outer(ranges, ranges)) @ vectors
+        return len(self.residuals) - float(np.diag(rest) @ values)
 
     @property
     def probability(self) -> float:

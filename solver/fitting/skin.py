@@ -1,4 +1,4 @@
-"""The deformed surface of a body, quadratic where its elements are, and the places nearest to it."""
+"""The deformed surface of a body, curved where its elements are, and the places nearest on it."""
 
 from __future__ import annotations
 

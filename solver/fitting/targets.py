@@ -57,8 +57,8 @@ class Cloud(_Linear):
 
     ``mirrors``: axes of the planes through the origin in which the body is a part of the whole;
     points beyond them count as their images. To first order a distance changes by the motion of
-    the skin along its normal at the nearest place, for that place moves within the skin. It has
-    to lie within the skin's facets: points that see its rim are of another shape.
+    the skin along the way from the nearest place, for that place moves within the skin. Points
+    beyond a rim of the skin are as far as the rim is.
     """
 
     def __init__(self, skin: Skin, points: np.ndarray, sigma, *, mirrors: Sequence[int] = ()):
@@ -78,12 +78,20 @@ class Cloud(_Linear):
     def residual(self, u: np.ndarray) -> np.ndarray:
         """r (p,)."""
         feet = self.feet(u)
-        return np.einsum("pi,pi->p", feet.normal, self.points - feet.position) / self.sigma
+        return np.einsum("pi,pi->p", self._way(feet), self.points - feet.position) / self.sigma
+
+    def _way(self, feet: Feet) -> np.ndarray:
+        """Unit vectors (p, 3) from the skin to the points, outward: the normal but on edges."""
+        way = self.points - feet.position
+        size = np.linalg.norm(way, axis=1)[:, None]
+        side = np.where(np.einsum("pi,pi->p", way, feet.normal) < 0, -1.0, 1.0)[:, None]
+        far = size > 1e-7 * self.skin.body.length
+        return np.where(far, side * way / np.where(far, size, 1.0), feet.normal)
 
     def matrix(self, u: np.ndarray) -> sp.csr_array:
         """∂r/∂u, (p, 3n)."""
         feet = self.feet(u)
-        values = -feet.shapes[:, :, None] * (feet.normal / self.sigma[:, None])[:, None]
+        values = -feet.shapes[:, :, None] * (self._way(feet) / self.sigma[:, None])[:, None]
         columns = 3 * feet.nodes[..., None] + np.arange(3)
         rows = np.broadcast_to(np.arange(self.size)[:, None, None], columns.shape)
         shape = (self.size, u.size)

@@ -178,8 +178,10 @@ class Elastic:
             dP = np.trace(L, axis1=2, axis2=3)[..., None, None] * P - P @ np.swapaxes(L, 2, 3)
             dP -= np.einsum("cqiJkL,cqkL->cqiJ", A, F @ L)
             volume = J[ids] if len(J) > 1 else J
-            out[ids] = volume[..., None, None] * dP @ np.swapaxes(
-                inverse[ids] if len(inverse) > 1 else inverse, 2, 3
+            out[ids] = (
+                volume[..., None, None]
+                * dP
+                @ np.swapaxes(inverse[ids] if len(inverse) > 1 else inverse, 2, 3)
             )
         return out
 

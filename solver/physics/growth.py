@@ -163,9 +163,7 @@ class Apical(Growth):
     def tensor(self, e, shape, points=None):
         return (1 / self._rest(e, shape, points)[1])[..., None, None] * np.eye(3)
 
-    def by_beta(
-        self, e: float, shape: tuple[int, int], points: Points | None = None
-    ) -> np.ndarray:
+    def by_beta(self, e: float, shape: tuple[int, int], points: Points | None = None) -> np.ndarray:
         """∂Fg/∂β Fg⁻¹ = g/(1 − g β) I at each point, (1 | m, 1 | q, 3, 3), 0 where the mask has no
         growth; raises what :meth:`evaluate` does."""
         g, rest = self._rest(e, shape, points)

@@ -11,7 +11,7 @@ from solver.fitting.elastic import Equilibria, States, Unreached, increasing
 from solver.fitting.field import contracting, gathered, spread
 from solver.physics.elastic import Elastic
 from solver.physics.growth import AlongFibre, Apical, General, Isotropic
-from solver.physics.materials import FibreReinforced, Fibre, NeoHookean, StVenantKirchhoff
+from solver.physics.materials import Fibre, FibreReinforced, NeoHookean, StVenantKirchhoff
 from solver.physics.supports import Fixed
 
 P = np.array([0.4, 0.2, 0.1])
@@ -127,7 +127,7 @@ def test_forces_of_a_changed_pattern_work_as_gathered():
 def test_states_nearby_and_the_path_from_rest_are_the_same(block):
     equilibria = Equilibria(block, Slope())
     near = equilibria.solve(P[:2], [0.4, 1.0])
-    p = P[:2] + [0.05, -0.03]
+    p = P[:2] + np.array([0.05, -0.03])
     short, long = equilibria.solve(p, [0.4, 1.0], near), equilibria.solve(p, [0.4, 1.0])
     for a, b in zip(short.at, long.at, strict=True):
         assert np.abs(a.u - b.u).max() < 1e-9
@@ -154,7 +154,9 @@ def test_what_leads_to_no_state_is_told_in_words(block):
 def test_wrong_scenes_and_loads_are_refused(block):
     body = block.body
     for growth in (None, AlongFibre(0.1, (1, 0, 0))):
-        scene = Scene(body, [Elastic(body, NeoHookean(1.0, 0.3), growth)], fixed=[Fixed([0], (1, 0, 0))])
+        scene = Scene(
+            body, [Elastic(body, NeoHookean(1.0, 0.3), growth)], fixed=[Fixed([0], (1, 0, 0))]
+        )
         with pytest.raises(ValueError, match="0 terms of the scene grow by Apical"):
             Equilibria(scene, Slope())
     with pytest.raises(ValueError, match="2 terms"):

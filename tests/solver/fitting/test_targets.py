@@ -24,7 +24,7 @@ def cloud(sigma=0.02):
     points = skin().scattered(BODY.nodes + U, 30, RNG)
     # Away from the rim, to either side.
     points = points.mean(axis=0) + 0.6 * (points - points.mean(axis=0))
-    return Cloud(skin(), points + [0, 0, 0.05], sigma)
+    return Cloud(skin(), points + np.array([0, 0, 0.05]), sigma)
 
 
 TARGETS = {
@@ -79,7 +79,7 @@ def test_landmarks_where_they_were_seen_have_no_misfit():
     end = start + BODY.interpolation(start) @ U
     target = Landmarks(BODY, start, end, 0.1)
     assert target.residual(U) == approx(0.0, abs=1e-9)
-    shifted = Landmarks(BODY, start, end + [0, 0.05, 0], 0.1).residual(U).reshape(-1, 3)
+    shifted = Landmarks(BODY, start, end + np.array([0, 0.05, 0]), 0.1).residual(U).reshape(-1, 3)
     assert shifted == approx(np.tile([0, 0.5, 0], (5, 1)), abs=1e-9)
 
 
