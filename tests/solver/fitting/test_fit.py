@@ -106,12 +106,12 @@ def test_intervals_hold_as_often_as_they_say():
 def test_data_at_more_than_one_load_count_together():
     line = Line([-5, -5], [5, 5])
     one, two = seen(line), seen(line)
-    two.given = 0.5 * two.given
-    both = fit(line, [(1.0, one), (0.5, two)])
+    two.given = 8 * two.given
+    both = fit(line, [(8.0, two), (1.0, one)])
     U = line.U.reshape(21, 2) / 0.05
-    assert both.information == approx(1.25 * U.T @ U)
+    assert both.information == approx(65 * U.T @ U)
     assert both.p == approx(TRUE, abs=4 * both.sd.max())
-    assert [s.e for s in both.states.at] == [0.5, 1.0]
+    assert [s.e for s in both.states.at] == [1.0, 8.0]
 
 
 def test_what_the_data_do_not_fix_is_told():

@@ -1,12 +1,16 @@
 """Derivatives of grown equilibria by the pattern, against differences of states solved anew."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from grown_blocks import Slope, clamped
 from proofs import BODIES, slope, state
 from pytest import approx
 
+from solver.equilibrium.newton import newton
 from solver.equilibrium.scene import Scene
+from solver.fitting import elastic
 from solver.fitting.elastic import Equilibria, States, Unreached, increasing
 from solver.fitting.field import contracting, gathered, spread
 from solver.physics.elastic import Elastic
@@ -135,6 +139,42 @@ def test_states_nearby_and_the_path_from_rest_are_the_same(block):
     assert isinstance(equilibria.solve(p, [1.0], near), States)
 
 
+def test_the_guess_follows_the_derivatives(block, monkeypatch):
+    equilibria = Equilibria(block, Slope())
+    near = equilibria.solve(P[:2], [1.0])
+    solve, guesses = elastic.newton, []
+
+    def recorded(scene, x, *args, **options):
+        guesses.append(x)
+        return solve(scene, x, *args, **options)
+
+    monkeypatch.setattr(elastic, "newton", recorded)
+    (found,) = equilibria.solve(P[:2] + np.array([0.05, -0.03]), [1.0], near).at
+    assert len(guesses) == 1
+    off, before = np.abs(guesses[0] - found.x).max(), np.abs(near.at[0].x - found.x).max()
+    assert off < 0.1 * before
+
+
+def test_from_states_that_lead_nowhere_the_path_is_followed_from_rest(block):
+    equilibria = Equilibria(block, Slope())
+    good = equilibria.solve(P[:2], [1.0])
+    junk = replace(good.at[0], x=40 * np.random.default_rng(0).standard_normal(len(good.at[0].x)))
+    again = equilibria.solve(P[:2], [1.0], States(good.p, (junk,)))
+    assert np.abs(again.at[0].u - good.at[0].u).max() < 1e-9
+
+
+def test_cells_that_do_not_grow_still_do_not(block):
+    body, field = block.body, Slope()
+    cells = np.arange(len(body.cells)) == 1
+    beta = field.values(P[:2], body.points())
+    grown = [Apical(lambda e: -0.6 * e, b, cells=cells) for b in (np.full_like(beta, 0.3), beta)]
+    law = NeoHookean(1.0, 0.3)
+    some, wanted = (block.with_terms([Elastic(body, law, g)]) for g in grown)
+    (found,) = Equilibria(some, field).solve(P[:2], [1.0]).at
+    exact = newton(wanted, np.zeros(wanted.size), 1.0, rtol=1e-12)
+    assert np.abs(found.x - exact.x).max() < 1e-9 and np.abs(found.x).max() > 0.01
+
+
 def test_what_leads_to_no_state_is_told_in_words(block):
     beyond = Equilibria(block, Slope()).solve(np.array([0.9, 0.4]), [1.0])
     assert isinstance(beyond, Unreached) and "outside of [0, 1]" in beyond.why
@@ -149,6 +189,11 @@ def test_what_leads_to_no_state_is_told_in_words(block):
     scene = block.with_terms([Elastic(body, NeoHookean(1.0, 0.3), growth)])
     found = Equilibria(scene, Slope()).solve(np.array([0.5, 0.0]), [0.5, 1.0])
     assert isinstance(found, Unreached) and found.at < 1.0 and found.why
+    # At rest already.
+    growth = Apical(lambda e: 3.0 + e, np.full(body.weights.shape, 0.1))
+    scene = block.with_terms([Elastic(body, NeoHookean(1.0, 0.3), growth)])
+    found = Equilibria(scene, Slope()).solve(np.array([0.5, 0.0]), [1.0])
+    assert isinstance(found, Unreached) and "1 - g beta" in found.why
 
 
 def test_wrong_scenes_and_loads_are_refused(block):

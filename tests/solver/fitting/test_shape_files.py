@@ -24,6 +24,8 @@ def test_a_table_of_two_columns_is_a_section(tmp_path):
     path.write_text("z,y,cell\n1,2,a\n3,4,b\n")
     was, now = read_shape(path)
     assert now.tolist() == was.tolist() == [[0, 2, 1], [0, 4, 3]]
+    path.write_text("z,x\n1,2\n")
+    assert read_shape(path)[1].tolist() == [[2, 0, 1]]
     path.write_text("x,y,z\n1,2,3\n")
     assert read_shape(path)[1].tolist() == [[1, 2, 3]]
 

@@ -59,6 +59,18 @@ def test_nothing_on_the_skin_is_nearer_and_the_way_there_is_normal(element):
     assert np.median(np.abs(along - off)) < (1e-9 if smooth else 1e-2)
 
 
+@pytest.mark.parametrize("element", ["hex27", "tet10"])
+def test_of_one_facet_edges_and_corners_are_the_nearest_too(element):
+    body = BODIES[element]
+    x = body.nodes + state(body, size=0.1)
+    skin = Skin(body, _top(body)[:1])
+    dense = skin.scattered(x, 20_000, RNG)
+    points = dense[:60] + RNG.standard_normal((60, 3)) * 0.3
+    off = np.linalg.norm(points - skin.nearest(x, points).position, axis=1)
+    least = np.linalg.norm(points[:, None] - dense, axis=2).min(axis=1)
+    assert off == approx(least, abs=0.01) and (off <= least + 1e-7).all()
+
+
 def _top(body):
     facets = body.mesh.boundary_facets()
     centres = body.mesh.p[:, body.mesh.facets[:, facets]].mean(axis=1)
