@@ -105,8 +105,7 @@ def test_intervals_hold_as_often_as_they_say():
 
 def test_data_at_more_than_one_load_count_together():
     line = Line([-5, -5], [5, 5])
-    one, two = seen(line), seen(line)
-    two.given = 8 * two.given
+    one, two = seen(line), seen(line, 8 * TRUE)
     both = fit(line, [(8.0, two), (1.0, one)])
     U = line.U.reshape(21, 2) / 0.05
     assert both.information == approx(65 * U.T @ U)
