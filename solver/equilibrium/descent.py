@@ -168,7 +168,7 @@ def _blind(scene: Scene, system: System) -> bool:
     """Whether a solve for forces in no order is roundoff."""
     push = np.random.default_rng(0).standard_normal(scene.size)
     push[scene.n_free :] = 0.0
-    probe, solve = System(scene, push, system.values), system.factorise().solve
+    probe, solve = system.pushed(push), system.factorise().solve
     return roundoff(
         probe.linear_residual, solve, -solve(push), lambda dx: largest(dx[: scene.n_free])
     )

@@ -63,6 +63,30 @@ class ScaledFactor(Factor):
         super().__init__(solve, inner.negative, lambda: inner.alive)
 
 
+class DyadFactor(Factor):
+    """Factor of A + Σ c g gᵀ, c > 0, made of that of A; ``vectors`` (n, m): √c g.
+
+    By Sherman, Morrison and Woodbury, and with S = 1 + VᵀA⁻¹V its negative pivots are those of A
+    less the negative ones of S (Haynsworth): both are what is left of one bordered matrix.
+    """
+
+    def __init__(self, inner: Factor, vectors: np.ndarray):
+        forward = inner.solve(vectors)
+        small = np.eye(vectors.shape[1]) + vectors.T @ forward
+        if not np.isfinite(small).all() or np.linalg.cond(small) > 1e15:
+            raise SingularMatrix("the matrix is singular together with its dyads")
+
+        def solve(b, transposed):
+            y = inner.solve(b, transposed=transposed)
+            back = inner.solve(vectors, transposed=True) if transposed else forward
+            return y - back @ np.linalg.solve(small.T if transposed else small, vectors.T @ y)
+
+        negative = inner.negative
+        if negative is not None:
+            negative -= int((np.linalg.eigvalsh((small + small.T) / 2) < 0).sum())
+        super().__init__(solve, negative, lambda: inner.alive)
+
+
 def make_solver(
     indptr,
     indices,

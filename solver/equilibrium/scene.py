@@ -19,7 +19,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from solver.equilibrium import checks
-from solver.equilibrium.linear import Factor
+from solver.equilibrium.linear import DyadFactor, Factor
 from solver.equilibrium.pattern import Frame
 from solver.equilibrium.sections import FreeSections, Sections
 from solver.given import number, numbers, one_of
@@ -44,14 +44,23 @@ class Scales:
 
 
 class System:
-    """Energy, residual and tangent at one (x, e); factorised when first needed."""
+    """Energy, residual and tangent at one (x, e); factorised when first needed.
+
+    ``dyads`` (size, m): vectors v whose v vᵀ add to the matrix of ``values``; None: there are none.
+    """
 
     def __init__(
-        self, scene: Scene, residual: np.ndarray, values: np.ndarray, energy: float | None = None
+        self,
+        scene: Scene,
+        residual: np.ndarray,
+        values: np.ndarray,
+        energy: float | None = None,
+        dyads: np.ndarray | None = None,
     ):
         self.residual = residual
         self.values = values
         self.energy = energy
+        self.dyads = dyads
         self._scene = scene
         self._factor: Factor | None = None
         self._counted: tuple[int | None] | None = None
@@ -60,6 +69,8 @@ class System:
         """The factorised tangent; raises :class:`solver.equilibrium.linear.SingularMatrix`."""
         if self._factor is None or not self._factor.alive:
             self._factor = self._scene.factorised(self.values)
+            if self.dyads is not None:
+                self._factor = DyadFactor(self._factor, self.dyads)
         return self._factor
 
     @property
@@ -74,7 +85,8 @@ class System:
         if not self._scene.symmetric:
             if self._counted is None:
                 self._counted = (self._scene.frame.modes_of_symmetric_part(self.values),)
-            return self._counted[0]
+            # Dyads take modes away and add none.
+            return self._counted[0] if self.dyads is None or self._counted[0] == 0 else None
         negative = self.factorise().negative
         return None if negative is None else negative - self._scene.n_rows
 
@@ -90,6 +102,8 @@ class System:
         """
         n = self._scene.n_free
         over = self._scene.frame.times(self.values, dx) + self.residual + load
+        if self.dyads is not None:
+            over += self.dyads @ (self.dyads.T @ dx)
         parts = [self.residual[:n], load[:n] if np.ndim(load) else np.zeros(n)]
         if self._scene.n_rows:
             parts.append(self._scene.frame.C_free.T @ dx[n:])
@@ -107,7 +121,12 @@ class System:
         values = self.values.copy()
         typical = float(np.median(np.abs(self.values[self._scene.diagonal])))
         self._scene.frame.pattern.hold(values, held, typical)
-        return System(self._scene, np.where(held, 0.0, self.residual), values, self.energy)
+        dyads = None if self.dyads is None else np.where(held[:, None], 0.0, self.dyads)
+        return System(self._scene, np.where(held, 0.0, self.residual), values, self.energy, dyads)
+
+    def pushed(self, residual: np.ndarray) -> System:
+        """The same tangent with another residual (size,) and no energy."""
+        return System(self._scene, residual, self.values, None, self.dyads)
 
     def shifted(self, shift: float) -> System:
         """The same state with ``shift`` added to the stiffness of every free component."""
@@ -118,7 +137,7 @@ class System:
         values = self.values.copy()
         values[self._scene.diagonal] += shift
         total = None if self.energy is None else self.energy + energy
-        return System(self._scene, self.residual + force, values, total)
+        return System(self._scene, self.residual + force, values, total, self.dyads)
 
 
 def _checked(terms: Sequence[Term], body: Body) -> tuple[Term, ...]:
@@ -274,7 +293,7 @@ class Scene:
         """
         energy: float | None = 0.0
         force = np.zeros((self.n_nodes, 3)) if order >= 1 else None
-        blocks, own = None, False
+        blocks, own, dyads = None, False, ()
         for term, where in zip(self.terms, self._where, strict=True):
             part = term.evaluate(u, e, order)
             energy = None if energy is None or part.energy is None else energy + part.energy
@@ -282,6 +301,7 @@ class Scene:
                 return Evaluation(np.inf)
             if order >= 1:
                 force += part.force
+            dyads += part.dyads
             if order < 2 or part.stiffness is None:
                 continue
             if blocks is None and where is None:
@@ -295,7 +315,7 @@ class Scene:
                 blocks += part.stiffness
             else:
                 blocks[where] += part.stiffness  # each block stands once
-        return Evaluation(energy, force, blocks, own)
+        return Evaluation(energy, force, blocks, own, dyads)
 
     def _tried(self, u: np.ndarray, e: float, order: int) -> Evaluation:
         """The sum of the terms at a state that an iteration tries, which may make no sense."""
@@ -338,7 +358,10 @@ class Scene:
                 if stress is not None:
                     # Each block stands once.
                     blocks[slice(None) if where is None else where] += term.under(stress, u, e)
-        return System(self, R, self.frame.pattern.gather(blocks), part.energy)
+        dyads = None
+        if part.dyads:
+            dyads = np.stack([np.sqrt(c) * self.pulls(g) for c, g in part.dyads], axis=1)
+        return System(self, R, self.frame.pattern.gather(blocks), part.energy, dyads)
 
     def extrapolated(self, x: np.ndarray, dx: np.ndarray, e: float) -> list[np.ndarray | None]:
         """Of each term the stresses that a step dx from x would lead to if they grew in proportion

@@ -12,14 +12,14 @@ in a cavity gives −p V_cavity.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import numba
 import numpy as np
 import scipy.sparse as sp
 from scipy.sparse.csgraph import connected_components
 
-from solver.given import all_of, node_numbers, one_of, vector
+from solver.given import all_of, node_numbers, number, one_of, vector
 from solver.mesh.body import Body, NodeGraph, Surface
 from solver.physics.fields import Quantity, resolve
 from solver.physics.supports import Fixed, Held, unit_vector
@@ -315,6 +315,71 @@ class Pressure:
             force if order >= 1 else None,
             blocks if order >= 2 else None,
         )
+
+
+class Enclosed:
+    """What fills the volume V within a surface and resists its change: ½ K v₀ (V/v₀ − c)².
+
+    v₀ is the volume at rest (of the part of the whole that the body is), c = ``content`` what the
+    filling would take of it by itself, 1 or a function of e, and K = ``bulk`` its bulk modulus: it
+    presses with p = K (c − V/v₀) on the surface, the same everywhere. So an embryo's yolk or a
+    cell's fluid; K → ∞ keeps V at c v₀. All nodes of the surface feel each other through V, which
+    is a dyad beside the stiffness of that pressure.
+
+    ``surface``, ``fixed``, ``origin`` and ``caps`` as of :class:`Pressure` with its potential, and
+    what that refuses is refused. Raises ValueError for a modulus that is not above 0, and a surface
+    that encloses nothing.
+    """
+
+    symmetric = True
+
+    def __init__(
+        self,
+        body: Body,
+        surface: Surface,
+        bulk: float,
+        *,
+        content: float | Callable[[float], float] = 1.0,
+        fixed: Sequence[Fixed] = (),
+        origin: Sequence[float] = (0.0, 0.0, 0.0),
+        caps: bool = False,
+        name: str = "enclosed",
+    ):
+        self.bulk = number("the bulk modulus", bulk, above=0)
+        self._wall = Pressure(
+            body, surface, 1.0, potential="volume", caps=caps, fixed=fixed, origin=origin
+        )
+        self.body, self.surface, self.graph, self.name = body, surface, self._wall.graph, name
+        self.content = content
+        self._rest = self._wall.volume(np.zeros_like(body.nodes))
+        if not abs(self._rest) > 1e-12 * surface.weights.sum() ** 1.5:
+            raise ValueError(f"the surface encloses a volume of {self._rest:.3g}; close it")
+
+    def volume(self, u: np.ndarray) -> float:
+        """V/v₀ at a displacement u (n, 3)."""
+        return self._wall.volume(u) / self._rest
+
+    def pressure(self, u: np.ndarray, e: float) -> float:
+        """p of the filling; negative where it pulls."""
+        return self.bulk * (self._content(e) - self.volume(u))
+
+    def _content(self, e: float) -> float:
+        return number("the content", self.content(e) if callable(self.content) else self.content)
+
+    def evaluate(self, u: np.ndarray, e: float, order: int = 2) -> Evaluation:
+        """Energy, force (n, 3), blocks on the surface's graph, and the dyad."""
+        # V of a cavity is negative, and so is v₀.
+        at = self._wall.evaluate(u, e, order)
+        over, sense = at.energy / self._rest - self._content(e), np.sign(self._rest)
+        energy = self.bulk * abs(self._rest) * over**2 / 2
+        if order < 1:
+            return Evaluation(energy)
+        force = self.bulk * over * sense * at.force
+        if order < 2:
+            return Evaluation(energy, force)
+        blocks = self.bulk * over * sense * at.stiffness
+        dyad = (self.bulk / abs(self._rest), at.force)
+        return Evaluation(energy, force, blocks, own=True, dyads=(dyad,))
 
 
 def _sign(vectors: np.ndarray) -> np.ndarray:

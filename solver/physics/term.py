@@ -18,12 +18,15 @@ class Evaluation:
     inverted element, a node beyond a barrier). ``force``: (nodes, 3). ``stiffness``: blocks
     d force_a / d u_b on the term's graph, (blocks, 3, 3); None for a term without stiffness.
     ``own``: whether who asked may change the stiffness, because the term does not keep it.
+    ``dyads``: parts c g ⊗ g of the stiffness beside its blocks, c > 0 and g (nodes, 3), where a
+    term couples nodes far apart through one number, such as a volume.
     """
 
     energy: float | None
     force: np.ndarray | None = None
     stiffness: np.ndarray | None = None
     own: bool = False
+    dyads: tuple[tuple[float, np.ndarray], ...] = ()
 
 
 class Term(Protocol):

@@ -62,6 +62,8 @@ def prove(term, u, e, *, step=1e-4, rtol=1e-6):
             continue
         K = matrix(term, at.stiffness)
         found = (K @ d.ravel()).reshape(-1, 3)
+        for c, g in at.dyads:
+            found += c * (g * d).sum() * g
         assert np.abs(found).max() > 1e-8, "no stiffness in this state"
         np.testing.assert_allclose(found, rate, rtol=0, atol=rtol * np.abs(rate).max())
         if term.symmetric:

@@ -5,6 +5,8 @@ quarter, x ≥ 0 and y ≥ 0, between two mirror planes. The mesh is that of a c
 so that there are no poles; hexahedra are shortest across the ventral midline. β is 1 on the
 midline's outer side and falls off around the embryo, towards the ends and inwards: an analytic
 stand-in for the staining intensities of the dissertation, whose images and sizes are not ours.
+
+The cavity may be full of ``yolk`` that resists a change of its volume; empty by default.
 """
 
 from __future__ import annotations
@@ -17,8 +19,9 @@ import skfem
 
 from solver.cases.levels import sizes_of
 from solver.cases.tissue.model import Beta, Model, Tissue, enclosed, meshed
-from solver.mesh.body import Surface
+from solver.mesh.body import Body, Surface
 from solver.mesh.structured import box, curved, graded, weld
+from solver.physics.pressure import Enclosed
 from solver.physics.supports import Fixed
 
 
@@ -155,6 +158,18 @@ class Measures:
     tissue: float
 
 
+def sides(body: Body) -> tuple[Surface, Surface]:
+    """Both sides of a quarter of the shell, and the cavity's."""
+    boundary = body.mesh.boundary_facets()
+    corners = body.mesh.p[:, body.mesh.facets[:, boundary]]
+    free = boundary[(np.abs(corners[:2]) > 1e-6).any(axis=1).all(axis=0)]
+    both = body.surface(free)
+    # Normals of the body point into the cavity on its inner side.
+    at = np.einsum("fqk,fki->fqi", both.shapes, body.nodes[both.nodes])
+    inner = np.einsum("fqi,fqi->fq", both.normals, at).mean(axis=1) < 0
+    return both, body.surface(free[inner])
+
+
 class Furrow(Model):
     """A quarter of the embryo, with its measures."""
 
@@ -166,14 +181,7 @@ class Furrow(Model):
         section = (np.abs(X[:, 0]) < 1e-9) & (X[:, 2] < 0)
         radius = np.hypot(X[:, 1], X[:, 2])
         rim = np.flatnonzero(section & (radius > radius[section].max() - 1e-6))
-        boundary = body.mesh.boundary_facets()
-        corners = body.mesh.p[:, body.mesh.facets[:, boundary]]
-        free = boundary[(np.abs(corners[:2]) > 1e-6).any(axis=1).all(axis=0)]
-        both = body.surface(free)
-        # Normals of the body point into the cavity on its inner side.
-        at = np.einsum("fqk,fki->fqi", both.shapes, X[both.nodes])
-        inner = np.einsum("fqi,fqi->fq", both.normals, at).mean(axis=1) < 0
-        return both, body.surface(free[inner]), rim[np.argsort(X[rim, 1])]
+        return *sides(body), rim[np.argsort(X[rim, 1])]
 
     def measure(self, u: np.ndarray) -> Measures:
         """Measures of a displacement (n, 3)."""
@@ -196,12 +204,14 @@ def build(
     tissue: Tissue | None = None,
     contraction: float = 0.5,
     beta: Beta | None = None,
+    yolk: float | None = None,
 ) -> Furrow:
     """Model of a quarter. ``beta``: the pattern of :class:`Shape` (None), a function of positions
-    (m, q, 3), or values at the quadrature points or per cell.
+    (m, q, 3), or values at the quadrature points or per cell. ``yolk``: bulk modulus over E of what
+    fills the cavity; None: it is empty.
 
-    Raises ValueError for a level that is not there, a β outside of [0, 1], and what the mesh
-    refuses.
+    Raises ValueError for a level that is not there, a β outside of [0, 1], a bulk modulus that is
+    not above 0, and what the mesh refuses.
     """
     shape = shape or Shape()
     body, pattern = meshed(mesh, shape, sizes_of(level, LEVELS), element, beta)
@@ -214,4 +224,9 @@ def build(
         Fixed(planes[1], [0, 1, 0]),
         Fixed([dorsal], [0, 0, 1]),
     )
-    return Furrow(body, fixed, pattern, tissue or Tissue(), contraction)
+    tissue = tissue or Tissue()
+    terms = ()
+    if yolk is not None:
+        bulk = yolk * float(np.mean(tissue.E))
+        terms = (Enclosed(body, sides(body)[1], bulk, fixed=fixed, name="yolk"),)
+    return Furrow(body, fixed, pattern, tissue, contraction, terms)

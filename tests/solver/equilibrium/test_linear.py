@@ -6,7 +6,13 @@ import numpy as np
 import pytest
 from path_toys import function_scene
 
-from solver.equilibrium.linear import Pardiso, SingularMatrix, make_solver, mkl_pardiso
+from solver.equilibrium.linear import (
+    DyadFactor,
+    Pardiso,
+    SingularMatrix,
+    make_solver,
+    mkl_pardiso,
+)
 from solver.equilibrium.newton import newton
 from solver.equilibrium.outcome import Outcome
 from solver.equilibrium.scene import Scene
@@ -39,6 +45,37 @@ def test_a_transposed_solve_takes_the_transpose(method):
     factor = solver.factorise(values)
     np.testing.assert_allclose(A.T @ factor.solve(b, transposed=True), b, atol=1e-12)
     np.testing.assert_allclose(A @ factor.solve(b), b, atol=1e-12)
+
+
+@pytest.mark.parametrize("symmetric", [True, False])
+@pytest.mark.parametrize("method", DIRECT)
+def test_dyads_beside_a_matrix_are_solved_and_counted(method, symmetric):
+    rng = np.random.default_rng(3)
+    taken = set()
+    for _ in range(6):
+        A = rng.normal(size=(8, 8))
+        A = A + A.T + 6 * np.diag(rng.normal(size=8)) if symmetric else A + 4 * np.eye(8)
+        V, b = 1.5 * rng.normal(size=(8, 2)), rng.normal(size=(8, 3))
+        solver, values = full(A, method, symmetric)
+        inner = solver.factorise(values)
+        factor = DyadFactor(inner, V)
+        whole = A + V @ V.T
+        np.testing.assert_allclose(whole @ factor.solve(b), b, atol=1e-9)
+        np.testing.assert_allclose(whole @ factor.solve(b[:, 0]), b[:, 0], atol=1e-9)
+        np.testing.assert_allclose(whole.T @ factor.solve(b, transposed=True), b, atol=1e-9)
+        if symmetric and inner.negative is not None:
+            assert factor.negative == (np.linalg.eigvalsh(whole) < 0).sum()
+            taken.add(inner.negative - factor.negative)
+    if symmetric and method == "pardiso":
+        assert {0, 1} <= taken or {1, 2} <= taken
+    solver.factorise(values)
+    assert factor.alive == inner.alive
+
+
+def test_a_dyad_that_makes_the_matrix_singular_is_told():
+    solver, values = full([[-1, 0], [0, 1]], "superlu")
+    with pytest.raises(SingularMatrix, match="together with its dyads"):
+        DyadFactor(solver.factorise(values), np.array([[1.0], [0.0]]))
 
 
 @pytest.mark.skipif("pardiso" not in DIRECT, reason="MKL is not installed")

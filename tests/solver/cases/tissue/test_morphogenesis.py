@@ -106,6 +106,26 @@ def test_contraction_shrinks_and_its_sign_matters():
     assert whole.measure(u).tissue == approx(whole.measure(0 * u).tissue / 1.2**3, rel=1e-6)
 
 
+def test_a_yolk_keeps_the_cavity_and_flattens_the_furrow():
+    empty = furrow.build(SHELL, element="hex20")
+    _, u = grown(empty)
+    still, free = empty.measure(0 * u), empty.measure(u)
+    found = {}
+    for yolk in (1.0, 100.0):
+        full = furrow.build(SHELL, element="hex20", yolk=yolk)
+        _, v = grown(full)
+        found[yolk] = full.measure(v)
+        (term,) = full.terms
+        p = term.pressure(v, 1.0)
+        assert p == approx(yolk * 5.0 * (1 - found[yolk].cavity / still.cavity), rel=1e-6)
+        assert 0.001 < p < 0.1
+    assert free.cavity < 0.97 * still.cavity
+    assert found[100.0].cavity == approx(still.cavity, rel=1e-3)
+    assert free.cavity < found[1.0].cavity < found[100.0].cavity
+    assert found[100.0].indentation < found[1.0].indentation < 0.6 * free.indentation
+    assert empty.terms == ()
+
+
 def test_growth_too_fast_for_the_step_is_warned_of():
     model = furrow.build(SHELL, element="hex20", tissue=Tissue(eta=100.0))
     scene = model.viscous(0.05)
