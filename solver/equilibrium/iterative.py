@@ -1,12 +1,14 @@
 """Conjugate gradients, for positive definite systems that are too large to factorise.
 
 Preconditioned on two levels where the element is quadratic (p-multigrid): Chebyshev's polynomial of
-the matrix over its diagonal smooths, and what is smooth is solved for exactly by a factorisation in
+the matrix over its diagonal blocks smooths, and what is smooth is solved for by a factorisation in
 the space of functions that are linear between the corners of the cells, an eighth of the unknowns
-of hex27, with the Galerkin matrix PᵀAP. In flat cells linear functions can't bend without shearing,
-so each corner turns there as well as moves (its hat function times the six rigid motions, a
-partition of unity after Babuška and Melenk), which lets the coarse space bend freely. Linear
-elements have no such space: smoothed aggregation (pyamg) with the rigid motions as near null space.
+of hex27, with the Galerkin matrix PᵀAP. Two things make it work in thin bodies. The blocks are
+those of lines of nodes through flat cells, which hold together more than their neighbours; and as
+linear functions can't bend flat cells without shearing them, each corner turns there as well as
+moves (its hat function times the six rigid motions, a partition of unity after Babuška and Melenk).
+Linear elements have no such space: smoothed aggregation (pyamg), the rigid motions as near null
+space.
 
 What is found of the matrix on the way is said: where it is not positive definite there is no answer
 but :class:`Indefinite`. Nothing is counted.
@@ -14,13 +16,16 @@ but :class:`Indefinite`. Nothing is counted.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numba
 import numpy as np
 import scipy.sparse as sp
+from scipy.linalg import LinAlgError, cho_solve_banded, cholesky_banded
 
 from solver.equilibrium.linear import Factor, SingularMatrix, make_solver
 from solver.mesh.body import Body
-from solver.mesh.corners import aspect, corner_weights
+from solver.mesh.corners import aspect, corner_weights, lines
 from solver.physics.supports import Held
 
 # Matrix products of one smoothing; the part of the spectrum, from the top, that it damps; how far
@@ -34,6 +39,28 @@ NULL = 1e-10
 
 class Indefinite(SingularMatrix):
     """The matrix is not positive definite, as beyond a critical point of an equilibrium path."""
+
+
+@dataclass(frozen=True, eq=False)
+class Coarse:
+    """What two levels need beside the matrix.
+
+    ``prolongation`` (n, m): its columns span the smooth functions; ``line`` (n,): unknowns of one
+    line are smoothed together, in the order of ``place`` (n,), in which they couple to neighbours.
+    """
+
+    prolongation: sp.csr_array
+    line: np.ndarray
+    place: np.ndarray
+
+    @classmethod
+    def of(cls, body: Body, held: Held) -> Coarse | None:
+        """That of the free unknowns of a body; None for linear elements."""
+        P = prolongation(body, held)
+        if P is None:
+            return None
+        line, place = lines(body)
+        return cls(P, line[held.index // 3], place[held.index // 3])
 
 
 def rigid_modes(body: Body, held: Held) -> np.ndarray:
@@ -98,7 +125,7 @@ class ConjugateGradients:
         indptr,
         indices,
         modes: np.ndarray,
-        coarse: sp.csr_array | None = None,
+        coarse: Coarse | None = None,
         *,
         rtol: float = 1e-8,
         most: int = 500,
@@ -171,8 +198,9 @@ class TwoLevels:
     """A symmetric cycle for matrices of one pattern (its upper triangle) and one coarse space
     P (n, m): smooth, solve for the smooth part, smooth."""
 
-    def __init__(self, indptr, indices, P: sp.csr_array):
+    def __init__(self, indptr, indices, coarse: Coarse):
         self._pattern = indptr, indices
+        P = coarse.prolongation
         self._P, self._R = P, sp.csr_array(P.T)
         self._R.sort_indices()
         n, m = P.shape
@@ -183,15 +211,14 @@ class TwoLevels:
         upper.sort_indices()
         self._coarse = upper.indptr.astype(np.int64), upper.indices
         self._solver = make_solver(upper.indptr, upper.indices, symmetric=True)
+        self._blocks = LineBlocks(indptr, indices, coarse.line, coarse.place)
         self._guess = np.random.default_rng(0).standard_normal(n)
 
     def of(self, values: np.ndarray):
         """The preconditioner r → B r of the matrix with these values, B symmetric and positive."""
         indptr, indices = self._pattern
         P, R = self._P, self._R
-        diagonal = values[indptr[:-1]]
-        if not (diagonal > 0).all():
-            raise Indefinite("the matrix has a diagonal that is not positive; use a direct method")
+        over = self._blocks.of(values)
         starts, columns = self._coarse
         coarse = _galerkin(
             indptr, indices, values, P.indptr, P.indices, P.data, R.indptr, R.indices, R.data,
@@ -210,24 +237,22 @@ class TwoLevels:
 
         v = self._guess
         for _ in range(POWER):
-            v = times(v / np.linalg.norm(v)) / diagonal
+            v = over(times(v / np.linalg.norm(v)))
         largest, self._guess = MARGIN * np.linalg.norm(v), v
         middle, half = (1 + DAMPED) * largest / 2, (1 - DAMPED) * largest / 2
 
         def smooth(r, last):
             """Chebyshev's iteration for A x = r from 0; r becomes what is left, unless it's the
             ``last``."""
-            d = r / diagonal / middle
+            d = over(r) / middle
             x, rho = d.copy(), half / middle
-            for k in range(DEGREE):
-                if last and k == DEGREE - 1:
-                    break
+            for _ in range(DEGREE - 1):
                 r -= times(d)
-                if k == DEGREE - 1:
-                    break
                 before, rho = rho, 1 / (2 * middle / half - rho)
-                d = rho * before * d + 2 * rho / half * (r / diagonal)
+                d = rho * before * d + 2 * rho / half * over(r)
                 x += d
+            if not last:
+                r -= times(d)
             return x
 
         def cycle(r):
@@ -238,6 +263,46 @@ class TwoLevels:
             return x + smooth_part + smooth(r, True)
 
         return cycle
+
+
+class LineBlocks:
+    """The blocks of a symmetric matrix (its upper triangle) that belong to lines of unknowns, in
+    the order of their places: a band, which is factorised."""
+
+    def __init__(self, indptr, indices, line, place):
+        n = len(line)
+        self._order = np.lexsort((place, line))
+        rank = np.empty(n, np.int64)
+        rank[self._order] = np.arange(n)
+        row = np.repeat(np.arange(n, dtype=np.int32), np.diff(indptr))
+        self._inside = np.flatnonzero(line[row] == line[indices])
+        i, j = rank[row[self._inside]], rank[indices[self._inside]]
+        below = np.abs(i - j)
+        self._width = int(below.max()) + 1
+        self._at = below * n + np.minimum(i, j)
+
+    def of(self, values: np.ndarray):
+        """r → the blocks' inverse times r; raises Indefinite where one isn't positive definite."""
+        n, order = len(self._order), self._order
+        band = np.zeros(self._width * n)
+        band[self._at] = values[self._inside]
+        try:
+            band = cholesky_banded(
+                band.reshape(-1, n), lower=True, overwrite_ab=True, check_finite=False
+            )
+        except LinAlgError:
+            raise Indefinite(
+                "the matrix is not positive definite on a line of unknowns; use a direct method"
+            ) from None
+
+        def solve(r):
+            out = np.empty(n)
+            out[order] = cho_solve_banded(
+                (band, True), r[order], overwrite_b=True, check_finite=False
+            )
+            return out
+
+        return solve
 
 
 @numba.njit(cache=True)

@@ -15,10 +15,14 @@ import weakref
 from contextlib import suppress
 from functools import lru_cache
 from importlib.metadata import PackageNotFoundError, files
+from typing import TYPE_CHECKING
 
 import numpy as np
 import scipy.sparse as sp
 from scipy.sparse.linalg import splu
+
+if TYPE_CHECKING:
+    from solver.equilibrium.iterative import Coarse
 
 _INT = ctypes.c_int32
 _NONE = np.zeros(1)
@@ -95,7 +99,7 @@ def make_solver(
     method: str = "auto",
     bordered: bool = False,
     modes: np.ndarray | None = None,
-    coarse: sp.csr_array | None = None,
+    coarse: Coarse | None = None,
     block: int = 1,
 ):
     """A solver for one sparsity pattern.
@@ -103,9 +107,9 @@ def make_solver(
     ``indptr``, ``indices``: CSR with sorted indices; for a symmetric matrix its upper triangle,
     each diagonal entry present. ``method``: ``pardiso``, ``superlu``, ``auto`` (the first that is
     installed), or ``cg`` (needs a symmetric matrix, and ``modes`` (n, 6): the rigid motions in its
-    unknowns; with ``coarse`` (n, m), whose columns span a space of smooth functions, it works on
-    two levels). ``bordered``: the matrix has constraint rows with a zero diagonal. ``block``: order
-    of the square blocks that the pattern is one of, see :class:`Pardiso`, which alone takes them.
+    unknowns; with ``coarse`` it works on two levels). ``bordered``: the matrix has constraint rows
+    with a zero diagonal. ``block``: order of the square blocks that the pattern is one of, see
+    :class:`Pardiso`, which alone takes them.
 
     Raises ValueError for an unknown method or one that does not suit the matrix, ImportError if
     PARDISO was asked for and MKL is missing.

@@ -18,7 +18,7 @@ import numpy as np
 import scipy.sparse as sp
 
 from solver.equilibrium import checks
-from solver.equilibrium.iterative import product, prolongation, rigid_modes
+from solver.equilibrium.iterative import Coarse, product, rigid_modes
 from solver.equilibrium.linear import (
     Factor,
     ScaledFactor,
@@ -278,7 +278,7 @@ class Frame:
                 method=linear,
                 bordered=bool(self.rows),
                 modes=rigid_modes(body, held) if linear == "cg" else None,
-                coarse=prolongation(body, held) if linear == "cg" else None,
+                coarse=Coarse.of(body, held) if linear == "cg" else None,
             )
         self._places: dict[int, tuple[NodeGraph, np.ndarray]] = {}
         self._row_scale: np.ndarray | None = None

@@ -1,7 +1,8 @@
-"""The corners of quadratic cells: which linear functions between them a body can represent.
+"""What an iterative solver has to know of a mesh: the corners of its cells, and where it is thin.
 
 On cells whose sides are straight, linear functions of the corners are quadratic ones of all nodes,
-so that a coarser space for the same mesh is at hand without a second mesh (p-coarsening).
+so that a coarser space for the same mesh is at hand without a second mesh (p-coarsening). In flat
+cells the nodes above each other hold together more than others.
 """
 
 from __future__ import annotations
@@ -9,8 +10,13 @@ from __future__ import annotations
 import numpy as np
 import scipy.sparse as sp
 import skfem
+from scipy.sparse.csgraph import connected_components
 
 from solver.mesh.body import Body
+
+# How much shorter than across a flat cell is, how well a line follows its short way (a cosine), and
+# cells that are looked at together.
+FLAT, ALONG, CHUNK = 2.0, 0.9, 2000
 
 
 def corner_weights(body: Body) -> tuple[np.ndarray, sp.csr_array] | None:
@@ -44,6 +50,43 @@ def corner_weights(body: Body) -> tuple[np.ndarray, sp.csr_array] | None:
 
 def aspect(body: Body) -> float:
     """Median over the cells of the longest extent over the shortest, of their corners."""
-    X = np.moveaxis(body.mesh.p[:, body.mesh.t], 0, -1)  # (corners, m, 3)
-    sizes = np.linalg.svd((X - X.mean(axis=0)).transpose(1, 0, 2), compute_uv=False)
-    return float(np.median(sizes[:, 0] / sizes[:, -1]))
+    sizes, _ = _extents(body)
+    return float(np.median(sizes[:, 0] / sizes[:, 2]))
+
+
+def lines(body: Body) -> tuple[np.ndarray, np.ndarray]:
+    """Lines of nodes through flat cells, the short way; a node without others is a line.
+
+    The number of each node's line (n,), and its place along it (n,), a length. Cells are flat whose
+    corners' extents differ by more than :data:`FLAT` between the shortest way and the next.
+    """
+    sizes, ways = _extents(body)
+    ratio = sizes[:, 1] / sizes[:, 2]
+    # Of each node the short way of its flattest cell: the last that is written stays.
+    ranked = np.argsort(ratio, kind="stable")
+    ranked = ranked[ratio[ranked] > FLAT]
+    way = np.zeros(body.nodes.shape)
+    way[body.cells[ranked]] = ways[ranked, None]
+    a, b = np.triu_indices(body.cells.shape[1], 1)
+    pairs = [np.empty((0, 2), np.int32)]
+    for start in range(0, len(ranked), CHUNK):
+        cells = body.cells[ranked[start : start + CHUNK]]
+        i, j = cells[:, a].ravel(), cells[:, b].ravel()
+        d = body.nodes[j] - body.nodes[i]
+        least = ALONG * np.linalg.norm(d, axis=1)
+        on = np.abs(np.einsum("pi,pi->p", d, way[i])) > least
+        on &= np.abs(np.einsum("pi,pi->p", d, way[j])) > least
+        pairs.append(np.column_stack([i[on], j[on]]))
+    joined = np.concatenate(pairs)
+    n = len(body.nodes)
+    graph = sp.coo_array((np.ones(len(joined), bool), joined.T), shape=(n, n))
+    line = connected_components(graph, directed=False)[1]
+    first = np.unique(line, return_index=True)[1][line]
+    return line, np.einsum("ni,ni->n", body.nodes - body.nodes[first], way[first])
+
+
+def _extents(body: Body) -> tuple[np.ndarray, np.ndarray]:
+    """Extents (m, 3) of the cells' corners, falling, and the directions (m, 3) of the shortest."""
+    X = body.mesh.p[:, body.mesh.t].transpose(2, 1, 0)  # (m, corners, 3)
+    _, sizes, ways = np.linalg.svd(X - X.mean(axis=1, keepdims=True), full_matrices=False)
+    return sizes, ways[:, 2]
