@@ -198,8 +198,9 @@ class Fit:
 
     @property
     def probability(self) -> float:
-        """Of so large a Σ r² if the model were right and σ as stated."""
-        return float(chi2.sf(self.chi_square, self.freedom))
+        """Of so large a Σ r² if the model were right and σ as stated; with no more data than
+        parameters Σ r² should be 0, and is held to one degree of freedom."""
+        return float(chi2.sf(self.chi_square, max(self.freedom, 1.0)))
 
     @property
     def explained(self) -> bool:
@@ -293,7 +294,7 @@ def fit(
         return Fit(field, p, Ending.NO_STATE, residuals.why, 1, *nothing)
     found = least_squares(
         residuals, p, residuals.jacobian, bounds=(low, high), x_scale=high - low, method="trf",
-        ftol=1e-12, xtol=1e-9, gtol=1e-9, max_nfev=most,
+        ftol=1e-11, xtol=1e-8, gtol=1e-8, max_nfev=most,
     )  # fmt: skip
     p = found.x
     states = forward.solve(p, residuals.at)

@@ -11,7 +11,7 @@ from scipy.spatial import cKDTree
 from solver.mesh.body import Body
 
 # Samples of a facet along each direction, candidates of a point, and most iterations of each.
-SAMPLES, CANDIDATES, ROUGH, FINE = 4, 12, 3, 40
+SAMPLES, CANDIDATES, ROUGH, FINE = 4, 12, 2, 40
 
 
 @dataclass(frozen=True, eq=False)

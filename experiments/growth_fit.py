@@ -1,0 +1,330 @@
+"""Can the contraction of a furrow be read off its shape, how surely, and what does the shape hide?
+
+Points on the outer side of a furrow whose pattern β is known, with noise, in many draws: how far the
+fitted pattern is from the true one and how often its band holds that, with three parameters of a
+formula and with a free field. Then shapes that other models made, which the fit has to notice, and
+what pictures of less than the whole leave open (§6.3.3).
+"""
+
+from __future__ import annotations
+
+import sys
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from foldlab.errors import InputError
+from foldlab.plots import LINES, STYLE
+from solver.cases.tissue import furrow
+from solver.cases.tissue.model import ramp
+from solver.cases.tissue.pattern import POWER, Free, Profile, outside, places
+from solver.fitting.elastic import Equilibria
+from solver.fitting.fit import Fit, Prior, fit
+from solver.fitting.targets import Cloud, Measured, section
+from solver.physics.materials import StVenantKirchhoff
+from solver.viscous.evolution import TimeSteps, evolve, start
+
+from .common import main, save_figure
+
+
+@dataclass(frozen=True)
+class Config:
+    """``mesh``, ``finer``: element:level of the fit and of one shape that it is shown; ``points`` of
+    a cloud; ``noise``: standard deviation of each coordinate over the largest displacement;
+    ``strength``, ``angle`` (rad), ``reach`` (half lengths): the true pattern; ``bend``: standard
+    deviation of second differences of a free field beforehand; ``around`` (rad), ``along`` (half
+    lengths): its knots; ``level`` of the bands; ``steps`` in time of the viscoelastic shape."""
+
+    seed: int = 0
+    mesh: str = "hex20:1"
+    finer: str = "hex20:2"
+    points: int = 1000
+    noise: float = 0.01
+    draws: int = 20
+    strength: float = 0.8
+    angle: float = 0.35
+    reach: float = 0.7
+    bend: float = 0.3
+    around: tuple[float, ...] = (0.0, 0.2, 0.4, 0.8)
+    along: tuple[float, ...] = (0.0, 0.4, 0.8)
+    level: float = 0.95
+    steps: int = 20
+
+
+TINY = Config(mesh="hex20:0", finer="tet10:0", points=100, draws=2, noise=0.02, steps=4)
+
+
+@dataclass(frozen=True, eq=False)
+class Bench:
+    """A model, how its outer side is seen, and the true pattern."""
+
+    config: Config
+    model: furrow.Furrow
+
+    @classmethod
+    def of(cls, config: Config, mesh: str) -> Bench:
+        """Raises InputError for a mesh that isn't there, and for numbers that make no sense."""
+        for name in ("points", "draws", "steps", "noise", "bend"):
+            if not getattr(config, name) > 0:
+                raise InputError(f"{name} = {getattr(config, name)}; expected more than 0")
+        if not 0 < config.level < 1:
+            raise InputError(f"level = {config.level}; expected between 0 and 1, such as 0.95")
+        element, _, level = mesh.partition(":")
+        if not level.isdigit():
+            raise InputError(f"mesh {mesh!r}; expected element:level, such as hex20:1")
+        try:
+            Free(config.around, config.along)
+            return cls(config, furrow.build(int(level), element=element))
+        except ValueError as error:
+            raise InputError(str(error)) from error
+
+    @property
+    def true(self) -> np.ndarray:
+        """Parameters of the true profile, (3,)."""
+        return np.array([self.config.strength, self.config.angle, self.config.reach])
+
+    @property
+    def free(self) -> Free:
+        """The free field."""
+        return Free(self.config.around, self.config.along)
+
+    def seen(self, field, p, material=None) -> np.ndarray:
+        """The displacement (n, 3) of an elastic body of a pattern."""
+        material = material or self.model.tissue.slow()
+        found = Equilibria(self.model.elastic(material), field).solve(p, [1.0])
+        if not hasattr(found, "at"):
+            raise InputError(f"the true pattern leads to no state: {found.why}")
+        return found.at[0].u
+
+    def cloud(self, u: np.ndarray, sigma: float, rng, of: Bench | None = None) -> Cloud:
+        """Noisy points on the outer side of a body (of another mesh) displaced by u, as this model
+        would be held against them."""
+        shown = (of or self).model.body
+        points = outside(shown).scattered(shown.nodes + u, self.config.points, rng)
+        points += sigma * rng.standard_normal(points.shape)
+        return Cloud(outside(self.model.body), points, sigma, mirrors=(0, 1))
+
+    def places(self) -> np.ndarray:
+        """Where β is compared: the nodes of the outer side, (p, 3)."""
+        X = self.model.body.nodes
+        return X[furrow.Shape().depth(X) > 1 - 1e-6]
+
+
+def run(config: Config, tracker) -> dict[str, Any]:
+    bench = Bench.of(config, config.mesh)
+    rng = np.random.default_rng(config.seed)
+    draws, bands = [], {}
+    for name, field, p, prior in families(bench):
+        rows, bands[name] = drawn(bench, name, field, p, prior, rng)
+        draws += rows
+    others = other_models(bench, rng)
+    hidden = pictures(bench, rng)
+    for name, rows in (("draws", draws), ("models", others), ("pictures", hidden)):
+        tracker.table(name, pd.DataFrame(rows))
+    table = [summed(name, [r for r in draws if r["family"] == name]) for name in bands]
+    figure = plot(bench, bands, draws, others)
+    save_figure(figure, "growth_fit")
+    tracker.figure("growth_fit", figure)
+    return {"table": table, "models": others, "pictures": hidden, **headline(table[0])}
+
+
+def families(bench: Bench):
+    """Name, field, true parameters and prior of the profile, and of the free field that has its
+    values at the knots."""
+    yield "profile", Profile(), bench.true, None
+    field = bench.free
+    a, x = np.meshgrid(field.around[:-1], field.along, indexing="ij")
+    p = bench.true[0] * np.exp(-((a / bench.true[1]) ** 2) - (x / bench.true[2]) ** 4)
+    yield "free field", field, p.ravel(), Prior.smooth(field.bends(), bench.config.bend)
+
+
+def drawn(bench: Bench, name: str, field, p, prior, rng) -> tuple[list[dict], Fit]:
+    """Fits of as many draws of the noise: rows, and the last fit."""
+    config, X = bench.config, bench.places()
+    u, true, rows = bench.seen(field, p), field.values(p, X), []
+    sigma = config.noise * np.abs(u).max()
+    solver = Equilibria(bench.model.elastic(bench.model.tissue.slow()), field)
+    for k in range(config.draws):
+        clock = time.perf_counter()
+        found = fit(solver, [(1.0, bench.cloud(u, sigma, rng))], prior=prior)
+        beta, half = found.band(X, config.level)
+        wide = found.band(X, config.level, everywhere=True)[1]
+        low, high = found.interval(config.level).T
+        off = np.abs(beta - true)
+        rows.append({
+            "family": name, "draw": k, "off": off.max() / np.ptp(true),
+            "rms": np.sqrt((off**2).mean()) / np.ptp(true), "half": half.max() / np.ptp(true),
+            "covered": bool((off <= wide + 1e-12).all()),
+            "parameters_inside": float(((low <= p) & (p <= high)).mean()),
+            "places_inside": float((off <= half + 1e-12).mean()),
+            "misfit": found.chi_square / found.freedom, "explained": found.explained,
+            "at_bound": int(found.at_bound.sum()), "unfixed": len(found.unfixed),
+            "evaluations": found.evaluations, "seconds": time.perf_counter() - clock,
+            "ending": found.ending.value,
+        })  # fmt: skip
+        print(rows[-1], file=sys.stderr)
+    return rows, found
+
+
+def summed(name: str, rows: Sequence[dict]) -> dict:
+    """A family over its draws: errors in ranges of the true β, shares of draws."""
+    table = pd.DataFrame(rows)
+    return {
+        "family": name,
+        "draws": len(table),
+        "off_median": table["off"].median(),
+        "off_most": table["off"].max(),
+        "rms_most": table["rms"].max(),
+        "covered": table["covered"].mean(),
+        "parameters_inside": table["parameters_inside"].mean(),
+        "explained": table["explained"].mean(),
+        "at_bound": table["at_bound"].mean(),
+        "seconds": table["seconds"].mean(),
+    }
+
+
+def headline(row: dict) -> dict:
+    """The figures of the first family by themselves."""
+    return {"off": row["off_most"], "covered": row["covered"]}
+
+
+class Basal(Profile):
+    """The same pattern on the inner side of the shell."""
+
+    def values(self, p, X):
+        around, along, depth = places(self.shape, X)
+        return p[0] * np.exp(-((around / p[1]) ** 2) - (along / p[2]) ** 4) * (1 - depth) ** POWER
+
+
+class Stripes(Profile):
+    """Contraction in two stripes beside the midline."""
+
+    def values(self, p, X):
+        around, along, depth = places(self.shape, X)
+        form = np.exp(-(((around - 0.4) / 0.2) ** 2) - (along / p[2]) ** 4)
+        return p[0] * form * depth**POWER
+
+
+def other_models(bench: Bench, rng) -> list[dict]:
+    """Shapes of other models, fitted with the profile: the noise is that of the first."""
+    config, model = bench.config, bench.model
+    E, nu = model.tissue.E, model.tissue.nu
+    own = bench.seen(Profile(), bench.true)
+    sigma = config.noise * np.abs(own).max()
+    finer = Bench.of(config, config.finer)
+    made = {
+        "the same": (bench, own),
+        f"mesh {config.finer}": (finer, finer.seen(Profile(), bench.true)),
+        "St Venant–Kirchhoff": (bench, bench.seen(Profile(), bench.true, StVenantKirchhoff(E, nu))),
+        "twice as stiff": (bench, bench.seen(Profile(), bench.true, model.tissue.fast())),
+        "viscoelastic, at 1 s": (bench, relaxing(bench)),
+        "two stripes": (bench, bench.seen(Stripes(), bench.true)),
+        "on the inner side": (bench, bench.seen(Basal(), bench.true)),
+    }
+    solver = Equilibria(model.elastic(model.tissue.slow()), Profile())
+    rows, X = [], bench.places()
+    true = Profile().values(bench.true, X)
+    for name, (of, u) in made.items():
+        found = fit(solver, [(1.0, bench.cloud(u, sigma, rng, of))])
+        off = np.abs(found.field.values(found.p, X) - true).max() / np.ptp(true)
+        rows.append({
+            "shape": name, "misfit": found.chi_square / found.freedom,
+            "probability": found.probability, "explained": found.explained, "off": off,
+            **dict(zip(found.field.names, found.p, strict=True)), "ending": found.ending.value,
+        })  # fmt: skip
+        print(rows[-1], file=sys.stderr)
+    return rows
+
+
+def relaxing(bench: Bench) -> np.ndarray:
+    """The displacement of the viscoelastic furrow when its contraction has just ended, at 1 s."""
+    beta = Profile().values(bench.true, bench.model.body.points())
+    model = furrow.Furrow(
+        bench.model.body, bench.model.fixed, beta, bench.model.tissue, bench.model.contraction
+    )
+    dt = 1 / bench.config.steps
+    scene = model.viscous(dt)
+    # A tolerance, for fixed steps warn that they are long.
+    stepper = TimeSteps(1e-8, dt, tolerance=1e-3)
+    path = evolve(scene, start(scene), stepper, until=1.0, load=ramp(1.0))
+    if not path.reached:
+        raise InputError(f"the viscoelastic furrow was not followed to its end: {path.reason}")
+    return scene.displacement(path.last.x, path.last.e)
+
+
+def pictures(bench: Bench, rng) -> list[dict]:
+    """What is left open by less than the outer side, and by one parameter too many."""
+    config, model = bench.config, bench.model
+    scene = model.elastic(model.tissue.slow())
+    solver, both = (Equilibria(scene, Profile(contraction=c)) for c in (False, True))
+    u = bench.seen(Profile(), bench.true)
+    sigma = config.noise * np.abs(u).max()
+    rim = bench.places()[:, 0] < 1e-9
+    outline = (model.body.nodes + u)[furrow.Shape().depth(model.body.nodes) > 1 - 1e-6][rim, 1:]
+    outline = np.repeat(outline, max(1, config.points // len(outline)), axis=0)
+    outline = outline + sigma * rng.standard_normal(outline.shape)
+
+    def indented(u):
+        return np.array([model.measure(u).indentation])
+
+    half = Equilibria(scene, Profile()).solve(bench.true, [0.5, 1.0]).at
+    lengths = [(s.e, Measured(("indentation",), indented, indented(s.u), sigma)) for s in half]
+    side = Cloud(outside(model.body), section(outline, 0), sigma, mirrors=(0, 1))
+    rows = []
+    for name, forward, data in (
+        ("outer side", solver, [(1.0, bench.cloud(u, sigma, rng))]),
+        ("outline at x = 0", solver, [(1.0, side)]),
+        ("indentation at ½ and 1", solver, lengths),
+        ("outer side, contraction unknown too", both, [(1.0, bench.cloud(u, sigma, rng))]),
+    ):
+        found = fit(forward, data)
+        weakest = found.combinations[0]
+        rows.append({
+            "seen": name, "parameters": len(found.p), "unfixed": len(found.unfixed),
+            "weakest": str(weakest), "weakest_sd": min(weakest.sd, 1e9),
+            "explained": found.explained, "ending": found.ending.value,
+        })  # fmt: skip
+        print(rows[-1], file=sys.stderr)
+    return rows
+
+
+def plot(bench: Bench, bands: dict[str, Fit], draws: list[dict], others: list[dict]):
+    """β around the middle with its band, errors of all draws, misfits of all models."""
+    import matplotlib as mpl
+    from matplotlib.figure import Figure
+
+    shape, angles = furrow.Shape(), np.linspace(0, 1.0, 101)
+    X = shape.across * np.stack([0 * angles, np.sin(angles), -np.cos(angles)], axis=-1)
+    with mpl.rc_context(STYLE):
+        figure = Figure(figsize=(9.6, 3.0), layout="constrained")
+        axes = figure.subplots(1, 3)
+        for (name, found), color in zip(bands.items(), LINES, strict=False):
+            beta, half = found.band(X, bench.config.level, everywhere=True)
+            axes[0].fill_between(angles, beta - half, beta + half, color=color, alpha=0.3, lw=0)
+            axes[0].plot(angles, beta, color=color, label=f"fitted, {name}")
+            off = [100 * row["off"] for row in draws if row["family"] == name]
+            rms = [100 * row["rms"] for row in draws if row["family"] == name]
+            axes[1].plot(off, "o", ms=3, color=color, label=f"{name}, largest")
+            axes[1].plot(rms, "x", ms=4, color=color, label=f"{name}, root mean square")
+        axes[0].plot(angles, Profile().values(bench.true, X), "k--", lw=1, label="true profile")
+        axes[0].set(xlabel="angle from the midline, rad", ylabel=r"$\beta$ outside at $x = 0$")
+        axes[1].axhline(5, color="#777777", lw=0.7)
+        axes[1].set(xlabel="draw", ylabel=r"error of $\beta$ over its range, %")
+        axes[1].set_ylim(bottom=0)
+        rows = np.arange(len(others))
+        axes[2].barh(rows, [row["misfit"] for row in others], color=LINES[0], height=0.5)
+        axes[2].axvline(1, color="#777777", lw=0.7)
+        axes[2].set_yticks(rows, [row["shape"] for row in others], fontsize=7)
+        axes[2].set(xlabel=r"$\chi^2$ over its freedom", xscale="log")
+        axes[2].invert_yaxis()
+        for ax in axes[:2]:
+            ax.legend(fontsize=7)
+    return figure
+
+
+if __name__ == "__main__":
+    main(__doc__, run, Config, TINY)
