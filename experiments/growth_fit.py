@@ -1,9 +1,9 @@
 """Can the contraction of a furrow be read off its shape, how surely, and what does the shape hide?
 
-Points on the outer side of a furrow whose pattern β is known, with noise, in many draws: how far the
-fitted pattern is from the true one and how often its band holds that, with three parameters of a
-formula and with a free field. Then shapes that other models made, which the fit has to notice, and
-what pictures of less than the whole leave open (§6.3.3).
+Points on the outer side of a furrow whose pattern β is known, with noise, in many draws: how far
+the fitted pattern is from the true one and how often its band holds that, with three parameters of
+a formula and with a free field. Then shapes that other models made, which the fit has to notice,
+and what pictures of less than the whole leave open (§6.3.3).
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from foldlab.plots import LINES, STYLE
 from solver.cases.tissue import furrow
 from solver.cases.tissue.model import ramp
 from solver.cases.tissue.pattern import POWER, Free, Profile, outside, places
-from solver.fitting.elastic import Equilibria
+from solver.fitting.elastic import Equilibria, Unreached
 from solver.fitting.fit import Fit, Prior, fit
 from solver.fitting.targets import Cloud, Measured, section
 from solver.physics.materials import StVenantKirchhoff
@@ -33,8 +33,8 @@ from .common import main, save_figure
 
 @dataclass(frozen=True)
 class Config:
-    """``mesh``, ``finer``: element:level of the fit and of one shape that it is shown; ``points`` of
-    a cloud; ``noise``: standard deviation of each coordinate over the largest displacement;
+    """``mesh``, ``finer``: element:level of the fit and of one shape that it sees; ``points`` of a
+    cloud; ``noise``: standard deviation of each coordinate over the largest displacement;
     ``strength``, ``angle`` (rad), ``reach`` (half lengths): the true pattern; ``bend``: standard
     deviation of second differences of a free field beforehand; ``around`` (rad), ``along`` (half
     lengths): its knots; ``level`` of the bands; ``steps`` in time of the viscoelastic shape."""
@@ -96,9 +96,10 @@ class Bench:
         """The displacement (n, 3) of an elastic body of a pattern."""
         material = material or self.model.tissue.slow()
         found = Equilibria(self.model.elastic(material), field).solve(p, [1.0])
-        if not hasattr(found, "at"):
+        if isinstance(found, Unreached):
             raise InputError(f"the true pattern leads to no state: {found.why}")
-        return found.at[0].u
+        (state,) = found.at
+        return state.u
 
     def cloud(self, u: np.ndarray, sigma: float, rng, of: Bench | None = None) -> Cloud:
         """Noisy points on the outer side of a body (of another mesh) displaced by u, as this model

@@ -161,17 +161,19 @@ class Apical(Growth):
         self.g, self.beta = g, beta
 
     def tensor(self, e, shape, points=None):
-        return (1 / self._rest(e, shape, points)[1])[..., None, None] * np.eye(3)
+        return (1 / self.parts(e, shape, points)[1])[..., None, None] * np.eye(3)
 
     def by_beta(self, e: float, shape: tuple[int, int], points: Points | None = None) -> np.ndarray:
         """∂Fg/∂β Fg⁻¹ = g/(1 − g β) I at each point, (1 | m, 1 | q, 3, 3), 0 where the mask has no
         growth; raises what :meth:`evaluate` does."""
-        g, rest = self._rest(e, shape, points)
+        g, rest = self.parts(e, shape, points)
         rate = (g / rest)[..., None, None] * np.eye(3)
         return rate if self.cells is None else np.where(self.cells[:, None, None, None], rate, 0.0)
 
-    def _rest(self, e, shape, points):
-        """g and 1 − g β."""
+    def parts(
+        self, e: float, shape: tuple[int, int], points: Points | None = None
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """g and 1 − g β, (1 | m, 1 | q) each; raises what :meth:`evaluate` does."""
         g = resolve("growth g", self.g, e, shape, points)
         beta = self.beta
         if callable(beta) and not takes_position(beta):

@@ -38,9 +38,9 @@ class Slope:
         return self.slopes(p, X) @ p
 
 
-def clamped(element="hex8", material=None, contraction=0.6) -> Scene:
-    """The block, held at z = 0."""
-    body = BODIES[element]
+def clamped(element="hex8", material=None, contraction=0.6, body=None) -> Scene:
+    """The block, or another body, held at z = 0."""
+    body = body or BODIES[element]
     below = np.flatnonzero(body.nodes[:, 2] < 1e-9)
     growth = Apical(lambda e: -contraction * e, np.full(body.weights.shape, 0.5))
     term = Elastic(body, material or NeoHookean(1.0, 0.3), growth)
