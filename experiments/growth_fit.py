@@ -63,7 +63,7 @@ class Config:
 
 
 TINY = Config(
-    mesh="hex20:0", finer="hex8:0", points=100, draws=2, noise=0.02, steps=4, times=(0.5, 1.0),
+    mesh="hex20:0", finer="hex8:0", points=100, draws=1, noise=0.02, steps=3, times=(0.5, 1.0),
     creeps=1,
 )  # fmt: skip
 

@@ -21,10 +21,10 @@ from itertools import pairwise
 import numpy as np
 
 from solver.equilibrium.scene import Scene
-from solver.equilibrium.sensitivity import Sensitivity
 from solver.fitting.elastic import States, Unreached, increasing
 from solver.fitting.field import Field, contracting, refused
 from solver.given import numbers
+from solver.paths.sensitivity import Sensitivity
 from solver.physics.fields import Unphysical
 from solver.physics.growth import Apical, General
 from solver.viscous.evolution import State, TimeSteps, march, start, stepped

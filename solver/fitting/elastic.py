@@ -2,7 +2,7 @@
 
 At an equilibrium R(x, β) = 0 the force changes by ∂R/∂β = ∫ S'(β) ∂N/∂X at fixed u, exactly
 (:meth:`solver.physics.elastic.Elastic.by_growth`); the rest is linear algebra with the tangent of
-the last iteration (:mod:`solver.equilibrium.sensitivity`). Backward one transposed solve gives the
+the last iteration (:mod:`solver.paths.sensitivity`). Backward one transposed solve gives the
 derivative of a number by β at every point of the body.
 """
 
@@ -16,10 +16,10 @@ import numpy as np
 
 from solver.equilibrium.newton import newton
 from solver.equilibrium.scene import Scene, System
-from solver.equilibrium.sensitivity import Sensitivity
 from solver.fitting.field import Field, contracting, gathered, refused, spread
 from solver.given import number, numbers
 from solver.paths.continuation import load, trace
+from solver.paths.sensitivity import Sensitivity
 from solver.paths.steppers import LoadSteps
 from solver.physics.fields import Unphysical
 from solver.physics.growth import Apical

@@ -21,7 +21,7 @@ import numpy as np
 from solver.cases.unit.mesh import Curves
 from solver.cases.unit.model import Model, acting, body_of
 from solver.cases.unit.unit import Unit
-from solver.equilibrium.sensitivity import Sensitivity
+from solver.paths.sensitivity import Sensitivity
 
 GROUPS = tuple(f.name for f in fields(Unit) if f.name not in ("nu", "strips", "strip_share"))
 # Of these the mesh knows nothing.

@@ -7,7 +7,7 @@ from pytest import approx
 
 from solver.equilibrium.newton import newton
 from solver.equilibrium.scene import Scene
-from solver.equilibrium.sensitivity import Sensitivity
+from solver.paths.sensitivity import Sensitivity
 from solver.physics.elastic import Elastic
 from solver.physics.growth import AlongFibre
 from solver.physics.loads import PointLoad
