@@ -3,15 +3,32 @@ without material, and parts of a body that can move freely."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 
 import numpy as np
 import scipy.sparse as sp
 from scipy.sparse.csgraph import connected_components
 
 from solver.given import numbers
+from solver.mesh.body import Body
 from solver.physics.fields import Unphysical
 from solver.physics.supports import Row
+from solver.physics.term import Term
+
+
+def checked_terms(terms: Sequence[Term], body: Body) -> tuple[Term, ...]:
+    """The terms as a tuple; ValueError for what is none, or one of another body."""
+    terms = tuple(terms) if isinstance(terms, Iterable) else (terms,)
+    for term in terms:
+        if not hasattr(term, "evaluate"):
+            raise ValueError(f"the terms hold {term!r:.60}; expected such as Elastic or Gravity")
+        n = len(getattr(term, "body", body).nodes) if term.graph is None else term.graph.n
+        if n != len(body.nodes):
+            raise ValueError(
+                f"the term {term.name!r} acts on a body of {n} nodes, and the scene's has "
+                f"{len(body.nodes)}; make all terms of one body"
+            )
+    return terms
 
 
 def row_matrix(rows: Sequence[Row], n: int, to_local) -> sp.csr_array:

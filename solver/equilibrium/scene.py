@@ -12,7 +12,7 @@ Continuation sees x, e and R, and never learns what e drives.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 
@@ -50,17 +50,11 @@ class System:
     """
 
     def __init__(
-        self,
-        scene: Scene,
-        residual: np.ndarray,
-        values: np.ndarray,
-        energy: float | None = None,
-        dyads: np.ndarray | None = None,
+        self, scene: Scene, residual: np.ndarray, values: np.ndarray, energy=None, dyads=None
     ):
-        self.residual = residual
-        self.values = values
-        self.energy = energy
-        self.dyads = dyads
+        self.residual, self.values = residual, values
+        self.energy: float | None = energy
+        self.dyads: np.ndarray | None = dyads
         self._scene = scene
         self._factor: Factor | None = None
         self._counted: tuple[int | None] | None = None
@@ -140,21 +134,6 @@ class System:
         return System(self._scene, self.residual + force, values, total, self.dyads)
 
 
-def _checked(terms: Sequence[Term], body: Body) -> tuple[Term, ...]:
-    """The terms as a tuple; ValueError for what is none, or one of another body."""
-    terms = tuple(terms) if isinstance(terms, Iterable) else (terms,)
-    for term in terms:
-        if not hasattr(term, "evaluate"):
-            raise ValueError(f"the terms hold {term!r:.60}; expected such as Elastic or Gravity")
-        n = len(getattr(term, "body", body).nodes) if term.graph is None else term.graph.n
-        if n != len(body.nodes):
-            raise ValueError(
-                f"the term {term.name!r} acts on a body of {n} nodes, and the scene's has "
-                f"{len(body.nodes)}; make all terms of one body"
-            )
-    return terms
-
-
 class Scene:
     """Terms on the nodes of a body, with prescribed displacements and constraint rows."""
 
@@ -179,7 +158,7 @@ class Scene:
         rows that contradict or repeat each other or leave nothing free.
         """
         self.body, self.sections = body, sections
-        self.terms = _checked(terms, body)
+        self.terms = checks.checked_terms(terms, body)
         if not any(term.graph is not None for term in self.terms):
             raise ValueError("no term has a stiffness; add an Elastic term to the scene")
         self.frame = frame or Frame(body, self.terms, fixed, rows, linear, tied)
@@ -208,7 +187,7 @@ class Scene:
         So a step in time swaps a term for its successor. Raises ValueError where they bring pairs
         of nodes that share no block here, or a stiffness that is not symmetric into one that is.
         """
-        terms = _checked(terms, self.body)
+        terms = checks.checked_terms(terms, self.body)
         if self.symmetric and not all(term.symmetric for term in terms):
             raise ValueError("a term's stiffness is not symmetric and this scene's is; build anew")
         known = {id(term.graph) for term in self.terms}
