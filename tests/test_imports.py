@@ -39,7 +39,8 @@ MAY = {
         "solver.paths",
     },
     "solver.cases.lung": {
-        "solver.cases", "solver.mesh", "solver.physics", "solver.equilibrium", "solver.paths"
+        "solver.cases", "solver.mesh", "solver.physics", "solver.equilibrium", "solver.paths",
+        "solver.viscous",
     },
     "solver.cases.tissue": {
         "solver.cases", "solver.mesh", "solver.physics", "solver.equilibrium", "solver.transport",

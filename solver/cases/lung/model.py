@@ -23,6 +23,7 @@ The primitive model (§3.5.4) has small strains, a linear material and the dead 
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -146,20 +147,38 @@ def scene(
     body without muscle has no growth; a stage without contraction has none either. Raises
     ValueError for a contraction without muscle.
     """
+    return staged(body, lung, tissue, (start, end), linear=linear)
+
+
+def muscle_of(body: Body) -> np.ndarray:
+    """Which cells are muscle, (m,)."""
+    if "muscle" in (body.mesh.subdomains or {}):
+        return body.cells_of("muscle")
+    return np.zeros(len(body.cells), bool)
+
+
+def staged(
+    body: Body, lung: Lung, tissue: Tissue, states: Sequence[State], *, linear: str = "auto"
+) -> Scene:
+    """As :func:`scene`, through several states in turn: e = k in state k, straight in between.
+
+    Raises ValueError for fewer than two states, too.
+    """
+    if len(states) < 2:
+        raise ValueError(f"{len(states)} states; expected two at least: where to start and end")
     part = part_of(body)
     fixed = mirrors(body, part)
-    muscle = np.zeros(len(body.cells), bool)
-    if "muscle" in (body.mesh.subdomains or {}):
-        muscle = body.cells_of("muscle")
+    muscle = muscle_of(body)
 
     def pressure(e: float) -> float:
-        return start.pressure + e * (end.pressure - start.pressure)
+        return between([state.pressure for state in states], e)
 
     growth = None
-    if start.contraction or end.contraction:
+    contractions = [state.contraction for state in states]
+    if any(contractions):
         if not muscle.any():
             raise ValueError("a contraction but no muscle; give the lung a cage or contract by 0")
-        growth = _growth(body, lung, tissue, start.contraction, end.contraction, muscle)
+        growth = _growth(body, lung, tissue, contractions, muscle)
     E = np.where(muscle, tissue.stiffness, 1.0)
     wall = body.surface("inner")
     if tissue.model == "advanced":
@@ -177,9 +196,15 @@ def scene(
     return Scene(body, terms, fixed=fixed, rows=rows, linear=linear)
 
 
-def _growth(body, lung, tissue, before: float, after: float, muscle: np.ndarray) -> Growth:
+def between(values: Sequence[float], e: float) -> float:
+    """What goes straight from value to value, the next one at each whole e, and on beyond both."""
+    k = min(max(int(np.floor(e)), 0), len(values) - 2)
+    return values[k] + (e - k) * (values[k + 1] - values[k])
+
+
+def _growth(body, lung, tissue, contractions: Sequence[float], muscle: np.ndarray) -> Growth:
     def g(e: float) -> float:
-        return before + e * (after - before)
+        return between(contractions, e)
 
     if tissue.fibres == "isotropic":
         return Isotropic(g, cells=muscle)
