@@ -1,14 +1,15 @@
-"""Loads without stiffness (gravity, Eq. 4.2; dead loads on faces, lines and nodes), and the springs
-of an elastic foundation."""
+"""Loads without stiffness (gravity, Eq. 4.2; dead loads on faces, lines and nodes), the springs of
+an elastic foundation, and the liquid on which a film floats."""
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 import scipy.sparse as sp
 
-from solver.given import node_numbers, numbers
+from solver.given import node_numbers, number, numbers
 from solver.mesh.body import Body, NodeGraph, Surface
 from solver.mesh.lines import Line, refuse_region
 from solver.physics.fields import Quantity, Unphysical, resolve, varies
@@ -94,6 +95,75 @@ class DeadLoad:
         """Energy and force; u (n, 3)."""
         loads = self.loads(e)
         return Evaluation(-float((loads * u).sum()), -loads if order >= 1 else None)
+
+
+class Floating:
+    """Liquid under a surface: the pressure γ (z₀ − z) of the current height z on it (Fig. 3.8).
+
+    ``weight`` γ, the liquid's specific weight ρ g, maybe of e; ``level`` z₀ of its surface. A thin
+    film neither sinks nor lets go of it, so above the level the liquid pulls. Its potential is that
+    of the liquid moved, −½ γ ∫ (z − z₀)² n_z da with the area vector n da of the deformed surface:
+    its gradient is the follower force wherever no free rim is, and there the push γ (z − z₀)²/2 per
+    length of a wall down to the level beside it. Raises ValueError for a weight that is not above
+    0, and a level that is no number.
+    """
+
+    symmetric = True
+
+    def __init__(
+        self,
+        body: Body,
+        surface: Surface,
+        weight: float | Callable[[float], float],
+        *,
+        level: float = 0.0,
+        name: str = "floating",
+    ):
+        refuse_region(body, surface, Surface)
+        self.body, self.surface, self.weight, self.name = body, surface, weight, name
+        self.level = number("the liquid's level", level)
+        self.graph = NodeGraph.of(len(body.nodes), surface.nodes)
+        self._positions = self.graph.positions(surface.nodes)
+        self._gamma(0.0)
+
+    def _gamma(self, e: float) -> float:
+        weight = self.weight(e) if callable(self.weight) else self.weight
+        return number("the liquid's specific weight", weight, above=0)
+
+    def evaluate(self, u: np.ndarray, e: float, order: int = 2) -> Evaluation:
+        """Energy, force (n, 3) and blocks on the surface's graph."""
+        s = self.surface
+        N, T = s.shapes, s.tangents
+        h = np.einsum("fqk,fk->fq", N, (self.body.nodes + u)[s.nodes, 2]) - self.level
+        t = s.frames + np.einsum("fqkt,fki->fqti", T, u[s.nodes])
+        # n_z = t₁ₓ t₂ᵧ − t₁ᵧ t₂ₓ and its slopes by t₁ and t₂.
+        n_z = t[..., 0, 0] * t[..., 1, 1] - t[..., 0, 1] * t[..., 1, 0]
+        c = -self._gamma(e) * s.weights
+        energy = float((c * h * h * n_z).sum() / 2)
+        if order < 1:
+            return Evaluation(energy)
+        slopes = np.zeros((*h.shape, N.shape[-1], 3))
+        slopes[..., 0] = T[..., 0] * t[..., None, 1, 1] - T[..., 1] * t[..., None, 0, 1]
+        slopes[..., 1] = T[..., 1] * t[..., None, 0, 0] - T[..., 0] * t[..., None, 1, 0]
+        at_nodes = np.einsum("fq,fqki->fki", c * h * h / 2, slopes)
+        at_nodes[..., 2] += np.einsum("fq,fqk->fk", c * h * n_z, N)
+        force = np.zeros_like(self.body.nodes)
+        np.add.at(force, s.nodes, at_nodes)
+        if order < 2:
+            return Evaluation(energy, force)
+        k = N.shape[-1]
+        local = np.zeros((len(h), k, k, 3, 3))
+        local[..., 2, 2] = np.einsum("fq,fqa,fqb->fab", c * n_z, N, N)
+        mixed = np.einsum("fq,fqa,fqbi->fabi", c * h, N, slopes)
+        local[..., 2, :] += mixed
+        local[..., :, 2] += mixed.transpose(0, 2, 1, 3)
+        turn = np.einsum("fq,fqa,fqb->fab", c * h * h / 2, T[..., 0], T[..., 1])
+        turn = turn - turn.transpose(0, 2, 1)
+        local[..., 0, 1] += turn
+        local[..., 1, 0] -= turn
+        blocks = np.zeros((self.graph.blocks, 3, 3))
+        np.add.at(blocks, self._positions, local)
+        return Evaluation(energy, force, blocks, own=True)
 
 
 class Traction(DeadLoad):
