@@ -25,6 +25,7 @@ from solver.cases.tissue.model import Tissue, ramp
 from solver.cases.tissue.pattern import POWER, Free, Profile, outside, places
 from solver.fitting.creeping import Creep
 from solver.fitting.elastic import Equilibria, Unreached
+from solver.fitting.files import read_shape
 from solver.fitting.fit import Fit, Prior, fit
 from solver.fitting.targets import Cloud, Measured, section
 from solver.physics.materials import StVenantKirchhoff
@@ -41,7 +42,9 @@ class Config:
     deviation of second differences of a free field beforehand; ``around`` (rad), ``along`` (half
     lengths): its knots; ``level`` of the bands; ``steps`` of a viscoelastic furrow in the second in
     which it contracts, ``creeping``: its mesh, ``times`` (s) at which it is seen, ``creeps``: draws
-    of it."""
+    of it. ``shape``: a CSV or VTU with the outer side of a furrow of your own, whole or in part,
+    to be fitted instead of all that; ``sigma``: standard deviation of its coordinates in half
+    lengths."""
 
     seed: int = 0
     mesh: str = "hex20:1"
@@ -60,6 +63,8 @@ class Config:
     creeping: str = "hex20:0"
     times: tuple[float, ...] = (0.5, 1.0, 1.5)
     creeps: int = 5
+    shape: str = ""
+    sigma: float = 0.0
 
 
 TINY = Config(
@@ -127,6 +132,8 @@ class Bench:
 
 def run(config: Config, tracker) -> dict[str, Any]:
     bench = Bench.of(config, config.mesh)
+    if config.shape:
+        return own(bench, tracker)
     rng = np.random.default_rng(config.seed)
     draws, bands = [], {}
     for name, field, p, prior in families(bench):
@@ -143,6 +150,42 @@ def run(config: Config, tracker) -> dict[str, Any]:
     save_figure(figure, "growth_fit")
     tracker.figure("growth_fit", figure)
     return {"table": table, **found, **headline(table[0])}
+
+
+def own(bench: Bench, tracker) -> dict[str, Any]:
+    """What a shape from a file tells: the fits of both families, and each parameter's interval."""
+    config, model = bench.config, bench.model
+    if not config.sigma > 0:
+        raise InputError(f"sigma = {config.sigma}; give the standard deviation of the points")
+    try:
+        was, now = read_shape(config.shape)
+        # Of a body that is there as a whole its outer side; of points all.
+        if (was != now).any():
+            now = now[furrow.Shape().depth(was) > 0.99]
+        cloud = Cloud(outside(model.body), now, config.sigma, mirrors=(0, 1))
+    except ValueError as error:
+        raise InputError(str(error)) from error
+    table, parameters, bands = [], [], {}
+    for name, field, _, prior in families(bench):
+        solver = Equilibria(model.elastic(model.tissue.slow()), field)
+        found = bands[name] = fit(solver, [(1.0, cloud)], prior=prior)
+        if found.states is None:
+            raise InputError(f"{found.ending.value}: {found.detail}")
+        table.append({
+            "family": name, "points": cloud.size, "misfit": found.chi_square / found.freedom,
+            "probability": found.probability, "explained": found.explained,
+            "unfixed": "; ".join(map(str, found.unfixed)), "ending": found.ending.value,
+        })  # fmt: skip
+        for key, value, (low, high), held in zip(
+            field.names, found.p, found.interval(config.level), found.at_bound, strict=True
+        ):
+            row = {"family": name, "parameter": key, "value": value, "low": low, "high": high}
+            parameters.append({**row, "at_bound": bool(held)})
+    tracker.table("parameters", pd.DataFrame(parameters))
+    figure = plot(bench, bands, [], [])
+    save_figure(figure, "growth_fit")
+    tracker.figure("growth_fit", figure)
+    return {"table": table, "parameters": parameters}
 
 
 def families(bench: Bench):
@@ -364,17 +407,22 @@ def plot(bench: Bench, bands: dict[str, Fit], draws: list[dict], others: list[di
     X = shape.across * np.stack([0 * angles, np.sin(angles), -np.cos(angles)], axis=-1)
     with mpl.rc_context(STYLE):
         figure = Figure(figsize=(9.6, 3.0), layout="constrained")
-        axes = figure.subplots(1, 3)
+        axes = figure.subplots(1, 3 if draws else 1, squeeze=False)[0]
         for (name, found), color in zip(bands.items(), LINES, strict=False):
             beta, half = found.band(X, bench.config.level, everywhere=True)
             axes[0].fill_between(angles, beta - half, beta + half, color=color, alpha=0.3, lw=0)
             axes[0].plot(angles, beta, color=color, label=f"fitted, {name}")
+            if not draws:
+                continue
             off = [100 * row["off"] for row in draws if row["family"] == name]
             rms = [100 * row["rms"] for row in draws if row["family"] == name]
             axes[1].plot(off, "o", ms=3, color=color, label=f"{name}, largest")
             axes[1].plot(rms, "x", ms=4, color=color, label=f"{name}, root mean square")
-        axes[0].plot(angles, Profile().values(bench.true, X), "k--", lw=1, label="true profile")
         axes[0].set(xlabel="angle from the midline, rad", ylabel=r"$\beta$ outside at $x = 0$")
+        if not draws:
+            axes[0].legend(fontsize=7)
+            return figure
+        axes[0].plot(angles, Profile().values(bench.true, X), "k--", lw=1, label="true profile")
         axes[1].axhline(5, color="#777777", lw=0.7)
         axes[1].set(xlabel="draw", ylabel=r"error of $\beta$ over its range, %")
         axes[1].set_ylim(bottom=0)

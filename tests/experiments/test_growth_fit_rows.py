@@ -23,6 +23,7 @@ from experiments.growth_fit import (
 from foldlab.errors import InputError
 from solver.cases.tissue import furrow
 from solver.cases.tissue.furrow import Shape
+from solver.output import write_vtu
 
 
 @pytest.fixture(scope="module")
@@ -113,6 +114,31 @@ def test_over_time_both_fits_see_the_same_clouds():
     # What contracts is still stiff, and the rest isn't.
     assert time["explained"] and time["off"] < 0.05 < elastic["off"]
     assert not elastic["covered"]
+
+
+def test_a_shape_of_one_s_own_is_fitted(bench, tmp_path, tracker):
+    u = bench.seen(Profile(), bench.true)
+    write_vtu(tmp_path / "a.vtu", bench.model.body, u)
+    config = replace(TINY, shape=str(tmp_path / "a.vtu"), sigma=1e-3)
+    result = growth_fit.run(config, tracker)
+    # The nodes of the outer side alone, without noise.
+    (profile, _), rows = result["table"], result["parameters"]
+    assert profile["points"] == len(bench.places()) and profile["misfit"] < 1e-6
+    assert profile["explained"] and profile["unfixed"] == ""
+    found = {row["parameter"]: row for row in rows if row["family"] == "profile"}
+    assert [found[n]["value"] for n in Profile().names] == approx(bench.true, rel=1e-4)
+    assert found["angle"]["low"] < TINY.angle < found["angle"]["high"]
+    assert len(rows) == 3 + 9 and "growth_fit" in tracker.figures
+    assert len(tracker.tables["parameters"]) == len(rows)
+
+
+@pytest.mark.parametrize(
+    ("shape", "sigma", "message"),
+    [("none.csv", 0.0, "give the standard deviation"), ("none.csv", 0.1, "there is no file")],
+)
+def test_a_shape_that_is_no_shape_is_refused(shape, sigma, message, tracker):
+    with pytest.raises(InputError, match=message):
+        growth_fit.run(replace(TINY, shape=shape, sigma=sigma), tracker)
 
 
 @pytest.mark.parametrize(
