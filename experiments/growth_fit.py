@@ -12,17 +12,15 @@ import sys
 import time
 import warnings
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 import pandas as pd
 
 from foldlab.errors import InputError
-from foldlab.plots import LINES, STYLE
 from solver.cases.tissue import furrow
 from solver.cases.tissue.model import Tissue, ramp
-from solver.cases.tissue.pattern import POWER, Free, Profile, outside, places
+from solver.cases.tissue.pattern import Profile, outside, places
 from solver.fitting.creeping import Creep
 from solver.fitting.elastic import Equilibria, Unreached
 from solver.fitting.files import read_shape
@@ -31,103 +29,14 @@ from solver.fitting.targets import Cloud, Measured, section
 from solver.physics.materials import StVenantKirchhoff
 from solver.viscous.evolution import TimeSteps, Unresolved
 
+from ._growth_fit.bench import Basal, Bench, Config, Stripes
+from ._growth_fit.picture import plot
 from .common import main, save_figure
-
-
-@dataclass(frozen=True)
-class Config:
-    """``mesh``, ``finer``: element:level of the fit and of one shape that it sees; ``points`` of a
-    cloud; ``noise``: standard deviation of each coordinate over the largest displacement;
-    ``strength``, ``angle`` (rad), ``reach`` (half lengths): the true pattern; ``bend``: standard
-    deviation of second differences of a free field beforehand; ``around`` (rad), ``along`` (half
-    lengths): its knots; ``level`` of the bands; ``steps`` of a viscoelastic furrow in the second in
-    which it contracts, ``creeping``: its mesh, ``times`` (s) at which it is seen, ``creeps``: draws
-    of it. ``shape``: a CSV or VTU with the outer side of a furrow of your own, whole or in part,
-    to be fitted instead of all that; ``sigma``: standard deviation of its coordinates in half
-    lengths."""
-
-    seed: int = 0
-    mesh: str = "hex20:1"
-    finer: str = "hex20:2"
-    points: int = 1000
-    noise: float = 0.01
-    draws: int = 20
-    strength: float = 0.8
-    angle: float = 0.35
-    reach: float = 0.7
-    bend: float = 0.3
-    around: tuple[float, ...] = (0.0, 0.2, 0.4, 0.8)
-    along: tuple[float, ...] = (0.0, 0.4, 0.8)
-    level: float = 0.95
-    steps: int = 20
-    creeping: str = "hex20:0"
-    times: tuple[float, ...] = (0.5, 1.0, 1.5)
-    creeps: int = 5
-    shape: str = ""
-    sigma: float = 0.0
-
 
 TINY = Config(
     mesh="hex20:0", finer="hex8:0", points=100, draws=1, noise=0.02, steps=3, times=(0.5, 1.0),
     creeps=1,
 )  # fmt: skip
-
-
-@dataclass(frozen=True, eq=False)
-class Bench:
-    """A model, how its outer side is seen, and the true pattern."""
-
-    config: Config
-    model: furrow.Furrow
-
-    @classmethod
-    def of(cls, config: Config, mesh: str) -> Bench:
-        """Raises InputError for a mesh that isn't there, and for numbers that make no sense."""
-        for name in ("points", "draws", "creeps", "steps", "noise", "bend"):
-            if not getattr(config, name) > 0:
-                raise InputError(f"{name} = {getattr(config, name)}; expected more than 0")
-        if not 0 < config.level < 1:
-            raise InputError(f"level = {config.level}; expected between 0 and 1, such as 0.95")
-        element, _, level = mesh.partition(":")
-        if not level.isdigit():
-            raise InputError(f"mesh {mesh!r}; expected element:level, such as hex20:1")
-        try:
-            Free(config.around, config.along)
-            return cls(config, furrow.build(int(level), element=element))
-        except ValueError as error:
-            raise InputError(str(error)) from error
-
-    @property
-    def true(self) -> np.ndarray:
-        """Parameters of the true profile, (3,)."""
-        return np.array([self.config.strength, self.config.angle, self.config.reach])
-
-    @property
-    def free(self) -> Free:
-        """The free field."""
-        return Free(self.config.around, self.config.along)
-
-    def seen(self, field, p, material=None) -> np.ndarray:
-        """The displacement (n, 3) of an elastic body of a pattern."""
-        material = material or self.model.tissue.slow()
-        found = Equilibria(self.model.elastic(material), field).solve(p, [1.0])
-        if isinstance(found, Unreached):
-            raise InputError(f"the true pattern leads to no state: {found.why}")
-        (state,) = found.at
-        return state.u
-
-    def cloud(self, u: np.ndarray, sigma: float, rng, of: Bench | None = None) -> Cloud:
-        """Noisy points on the outer side of a body (of another mesh) displaced by u, as this model
-        would be held against them."""
-        shown = (of or self).model.body
-        points = outside(shown).scattered(shown.nodes + u, self.config.points, rng)
-        points += sigma * rng.standard_normal(points.shape)
-        return Cloud(outside(self.model.body), points, sigma, mirrors=(0, 1))
-
-    def places(self) -> np.ndarray:
-        """Where β is compared: the nodes of the outer side, (p, 3)."""
-        X = self.model.body.nodes
-        return X[furrow.Shape().depth(X) > 1 - 1e-6]
 
 
 def run(config: Config, tracker) -> dict[str, Any]:
@@ -246,23 +155,6 @@ def summed(name: str, rows: Sequence[dict]) -> dict:
 def headline(row: dict) -> dict:
     """The figures of the first family by themselves."""
     return {"off": row["off_most"], "covered": row["covered"]}
-
-
-class Basal(Profile):
-    """The same pattern on the inner side of the shell."""
-
-    def values(self, p, X):
-        around, along, depth = places(self.shape, X)
-        return p[0] * np.exp(-((around / p[1]) ** 2) - (along / p[2]) ** 4) * (1 - depth) ** POWER
-
-
-class Stripes(Profile):
-    """Contraction in two stripes beside the midline."""
-
-    def values(self, p, X):
-        around, along, depth = places(self.shape, X)
-        form = np.exp(-(((around - 0.4) / 0.2) ** 2) - (along / p[2]) ** 4)
-        return p[0] * form * depth**POWER
 
 
 def other_models(bench: Bench, rng) -> list[dict]:
@@ -396,45 +288,6 @@ def pictures(bench: Bench, rng) -> list[dict]:
         })  # fmt: skip
         print(rows[-1], file=sys.stderr)
     return rows
-
-
-def plot(bench: Bench, bands: dict[str, Fit], draws: list[dict], others: list[dict]):
-    """β around the middle with its band, errors of all draws, misfits of all models."""
-    import matplotlib as mpl
-    from matplotlib.figure import Figure
-
-    shape, angles = furrow.Shape(), np.linspace(0, 1.0, 101)
-    X = shape.across * np.stack([0 * angles, np.sin(angles), -np.cos(angles)], axis=-1)
-    with mpl.rc_context(STYLE):
-        figure = Figure(figsize=(9.6, 3.0), layout="constrained")
-        axes = figure.subplots(1, 3 if draws else 1, squeeze=False)[0]
-        for (name, found), color in zip(bands.items(), LINES, strict=False):
-            beta, half = found.band(X, bench.config.level, everywhere=True)
-            axes[0].fill_between(angles, beta - half, beta + half, color=color, alpha=0.3, lw=0)
-            axes[0].plot(angles, beta, color=color, label=f"fitted, {name}")
-            if not draws:
-                continue
-            off = [100 * row["off"] for row in draws if row["family"] == name]
-            rms = [100 * row["rms"] for row in draws if row["family"] == name]
-            axes[1].plot(off, "o", ms=3, color=color, label=f"{name}, largest")
-            axes[1].plot(rms, "x", ms=4, color=color, label=f"{name}, root mean square")
-        axes[0].set(xlabel="angle from the midline, rad", ylabel=r"$\beta$ outside at $x = 0$")
-        if not draws:
-            axes[0].legend(fontsize=7)
-            return figure
-        axes[0].plot(angles, Profile().values(bench.true, X), "k--", lw=1, label="true profile")
-        axes[1].axhline(5, color="#777777", lw=0.7)
-        axes[1].set(xlabel="draw", ylabel=r"error of $\beta$ over its range, %")
-        axes[1].set_ylim(bottom=0)
-        rows = np.arange(len(others))
-        axes[2].barh(rows, [row["misfit"] for row in others], color=LINES[0], height=0.5)
-        axes[2].axvline(1, color="#777777", lw=0.7)
-        axes[2].set_yticks(rows, [row["shape"] for row in others], fontsize=7)
-        axes[2].set(xlabel=r"$\chi^2$ over its freedom", xscale="log")
-        axes[2].invert_yaxis()
-        for ax in axes[:2]:
-            ax.legend(fontsize=7)
-    return figure
 
 
 if __name__ == "__main__":
