@@ -40,6 +40,8 @@ from ._lung.plots import (
 from .common import main, save_figure
 from .lung_inflation import known, prepared
 
+HARDLY = 0.02  # of R: how far the epithelium may move outwards and yet hardly do so
+
 
 @dataclass(frozen=True)
 class Config:
@@ -164,20 +166,25 @@ def contraction(bench: Bench) -> Study:
     start, full = bench.stage(bench.tissue, bench.full)
     inflated = bench.at(start, full.last).aspect
     sizes = ", ".join(f"{r['aspect']:.3f} at {abs(100 * r['g']):.0f} %" for r in rows)
+    way = "in" if dry["highest"] < HARDLY else "out"
     finding = (
         f"the aspect ratio is {inflated:.3f} inflated, and with a lower pressure and contraction "
         f"{sizes}. Without pressure the spacing changes by "
-        f"{100 * shrunk:.0f} % and the epithelium moves {'in' if dry['highest'] < 0.02 else 'out'}"
+        f"{100 * shrunk:.0f} % and the epithelium moves {way}"
         f"wards (by {dry['lowest']:.2f} to {dry['highest']:.2f} R; with it {wet['lowest']:.2f} to "
         f"{wet['highest']:.2f}), yet it bulges through the shrinking cage as deep as "
         f"{100 * dry['depth'] / wet['depth']:.0f} % of that under pressure: aspect ratio "
         f"{dry['aspect']:.3f}."
     )
+    if wet["highest"] < HARDLY:
+        finding += " Under pressure nothing is farther out than at rest, either."
     if any(cut.overlaps for cut in cuts.values()):
         finding += " Bulges pass into the bundles there: contact between them is not modelled."
     parts = [
-        "shrinking agrees" if shrunk < 0 and dry["highest"] < 0.02 else "shrinking differs",
-        "no protrusion without pressure: "
+        "shrinking " + ("agrees" if shrunk < 0 else "differs"),
+        "nothing moves outwards without pressure: "
+        + ("agrees" if dry["highest"] < HARDLY else "differs"),
+        "no protrusion by its aspect ratio: "
         + ("agrees" if dry["aspect"] < wet["aspect"] / 2 else "differs at this contraction"),
         "longer with contraction: " + ("agrees" if grows else "differs"),
     ]
