@@ -2,7 +2,8 @@
 
 Each case runs in a process of its own (its peak memory is its own), after imports and compilation.
 A Newton iteration is force, stiffness, factorisation and solve; "pure" is factorisation and solve
-of the same matrix in the same run, so that the overhead is a ratio and not a stopwatch's mood.
+of the same matrix in the same run, so that the overhead is a ratio and not a stopwatch's mood. The
+last part compares a factorisation with conjugate gradients. ``parts`` chooses.
 """
 
 from __future__ import annotations
@@ -19,14 +20,17 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
+from foldlab.errors import InputError
 from foldlab.plots import STYLE
 
+from ._solver_methods import compare, plot_methods, summary
 from .common import main, save_figure
 
 
 @dataclass(frozen=True)
 class Config:
     seed: int = 0
+    parts: tuple[str, ...] = ("paths", "iterations", "methods")
     threads: int = 1
     repeats: int = 3
     # Problem P by level: accuracy against seconds
@@ -38,6 +42,10 @@ class Config:
     # one Newton iteration against unknowns, about so many
     hex27: tuple[int, ...] = (1_000, 3_000, 10_000, 50_000, 100_000)
     tet4: tuple[int, ...] = (1_000, 10_000, 40_000, 200_000, 850_000)
+    # a factorisation against conjugate gradients: bodies, and unknowns, about so many
+    shapes: tuple[str, ...] = ("block", "slab")
+    solves_hex27: tuple[int, ...] = (3_000, 10_000, 30_000, 75_000, 150_000)
+    solves_tet4: tuple[int, ...] = (3_000, 10_000, 40_000, 150_000)
 
 
 TINY = Config(
@@ -48,10 +56,24 @@ TINY = Config(
     path_sizes=((0, 2),),
     hex27=(1_000,),
     tet4=(1_000, 3_000),
+    solves_hex27=(1_000, 3_000),
+    solves_tet4=(1_000,),
 )
 
 
 def run(config: Config, tracker) -> dict[str, Any]:
+    known = {"paths": _paths, "iterations": _iterations, "methods": _methods}
+    wrong = [part for part in config.parts if part not in known]
+    if wrong or not config.parts:
+        raise InputError(f"parts {wrong}; there are: {', '.join(known)}")
+    result = {}
+    for part in config.parts:
+        result |= known[part](config, tracker)
+    result.setdefault("table", next(iter(result.values())))
+    return result
+
+
+def _paths(config: Config, tracker) -> dict[str, Any]:
     paths = [
         _alone(config.path_threads, path_cost, element, level)
         for element in config.path_elements
@@ -61,6 +83,11 @@ def run(config: Config, tracker) -> dict[str, Any]:
         _alone(config.path_threads, path_cost, "hex27", level, across)
         for level, across in config.path_sizes
     ]
+    tracker.table("paths", pd.DataFrame(paths))
+    return {"problem_p": paths}
+
+
+def _iterations(config: Config, tracker) -> dict[str, Any]:
     rows = []
     for element in ("hex27", "tet4"):
         for unknowns in getattr(config, element):
@@ -78,8 +105,24 @@ def run(config: Config, tracker) -> dict[str, Any]:
     save_figure(figure, "solver_speed")
     tracker.figure("solver_speed", figure)
     tracker.table("iterations", table)
-    tracker.table("paths", pd.DataFrame(paths))
-    return {"table": rows, "problem_p": paths, "exponents": exponents}
+    return {"table": rows, "exponents": exponents}
+
+
+def _methods(config: Config, tracker) -> dict[str, Any]:
+    def alone(job, *args):
+        row = _alone(config.threads, job, *args)
+        print(row, file=sys.stderr)
+        return row
+
+    sizes = {"hex27": config.solves_hex27, "tet4": config.solves_tet4}
+    rows = compare(sizes, config.shapes, config.repeats, alone)
+    table = pd.DataFrame(rows)
+    found = summary(table, _slope)
+    figure = plot_methods(table, found)
+    save_figure(figure, "solver_methods")
+    tracker.figure("solver_methods", figure)
+    tracker.table("methods", table)
+    return {"methods": rows, "crossings": found}
 
 
 def _alone(threads: int, job, *args) -> dict[str, Any]:

@@ -10,6 +10,10 @@ moves (its hat function times the six rigid motions, a partition of unity after 
 Linear elements have no such space: smoothed aggregation (pyamg), the rigid motions as near null
 space.
 
+Constraint rows are kept exactly by every iterate (projected conjugate gradients with a constraint
+preconditioner: Gould, Hribar and Nocedal, SIAM J. Sci. Comput. 23 (2001), Alg. 2.1), so that a body
+may be held by them alone.
+
 What is found of the matrix on the way is said: where it is not positive definite there is no answer
 but :class:`Indefinite`. Nothing is counted.
 """
@@ -18,21 +22,25 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import numba
 import numpy as np
 import scipy.sparse as sp
 from scipy.linalg import LinAlgError, cho_solve_banded, cholesky_banded
 
-from solver.equilibrium.linear import Factor, SingularMatrix, make_solver
+from solver.equilibrium.linear import (
+    Factor,
+    SingularMatrix,
+    galerkin,
+    galerkin_pattern,
+    make_solver,
+    product,
+)
 from solver.mesh.body import Body
-from solver.mesh.corners import aspect, corner_weights, lines
+from solver.mesh.corners import lines, prolongation
 from solver.physics.supports import Held
 
 # Matrix products of one smoothing; the part of the spectrum, from the top, that it damps; how far
 # above its estimate the largest eigenvalue may lie; products for the estimate.
 DEGREE, DAMPED, MARGIN, POWER = 3, 0.07, 1.15, 12
-# Aspect ratio of the cells above which corners turn.
-FLAT = 3.0
 # Turning all corners alike moves nothing: what holds these motions, beside their diagonal.
 NULL = 1e-10
 
@@ -45,8 +53,8 @@ class Indefinite(SingularMatrix):
 class Coarse:
     """What two levels need beside the matrix.
 
-    ``prolongation`` (n, m): its columns span the smooth functions; ``line`` (n,): unknowns of one
-    line are smoothed together, in the order of ``place`` (n,), in which they couple to neighbours.
+    ``prolongation`` (n, m): its columns span the smooth functions, those of the corners; ``line``
+    (n,): unknowns of one line are smoothed together, in the order of ``place`` (n,).
     """
 
     prolongation: sp.csr_array
@@ -56,9 +64,13 @@ class Coarse:
     @classmethod
     def of(cls, body: Body, held: Held) -> Coarse | None:
         """That of the free unknowns of a body; None for linear elements."""
-        P = prolongation(body, held)
+        moves = held.free.reshape(-1, 3).copy()
+        moves[held.tied // 3] = True
+        P = prolongation(body, moves, held.frames)
         if P is None:
             return None
+        P = P[held.index]
+        P = P[:, np.flatnonzero(np.bincount(P.indices, minlength=P.shape[1]))]
         line, place = lines(body)
         return cls(P, line[held.index // 3], place[held.index // 3])
 
@@ -71,53 +83,12 @@ def rigid_modes(body: Body, held: Held) -> np.ndarray:
     return np.column_stack([held.to_local(m.copy()).ravel()[held.index] for m in modes])
 
 
-def prolongation(body: Body, held: Held) -> sp.csr_array | None:
-    """Free unknowns (n_free, m) of the motions of the cells' corners; None for linear elements.
-
-    A corner that moves takes along what the linear functions say; one that turns, too, about
-    itself. What supports prescribe of a corner is left out.
-    """
-    found = corner_weights(body)
-    if found is None:
-        return None
-    corners, W = found
-    W = W.tocoo()
-    arm = (body.nodes[W.row] - body.nodes[corners[W.col]]) / body.length * len(corners) ** (1 / 3)
-    axes = held.frames[corners][W.col]  # columns are the corner's own axes
-    kept = held.free.reshape(-1, 3)[corners] | np.isin(corners, held.tied // 3)[:, None]
-    columns = [(axes[:, :, k], kept[:, k]) for k in range(3)]
-    if aspect(body) > FLAT:
-        # One that can't move across an axis can't turn about it.
-        turns = [kept[:, (k + 1) % 3] | kept[:, (k + 2) % 3] for k in range(3)]
-        columns += [(np.cross(axes[:, :, k], arm), turns[k]) for k in range(3)]
-    number = np.cumsum(np.column_stack([on for _, on in columns]).ravel()) - 1
-    number = number.reshape(len(corners), -1)
-    parts = []
-    for k, (motion, on) in enumerate(columns):
-        use = on[W.col]
-        at = 3 * W.row[use, None] + np.arange(3)
-        to = np.broadcast_to(number[W.col[use], k][:, None], at.shape)
-        parts.append(((W.data[:, None] * motion)[use].ravel(), at.ravel(), to.ravel()))
-    data, rows, cols = (np.concatenate(part) for part in zip(*parts, strict=True))
-    P = sp.csr_array((data, (rows, cols)), (3 * len(body.nodes), number.max() + 1))
-    if len(held.turned):
-        frames = sp.bsr_array(
-            (held.frames.transpose(0, 2, 1), np.arange(len(body.nodes)),
-             np.arange(len(body.nodes) + 1)),
-        )  # fmt: skip
-        P = sp.csr_array(frames @ P)
-    P = P[held.index]
-    P.eliminate_zeros()
-    P = P[:, np.flatnonzero(np.bincount(P.indices, minlength=P.shape[1]))]
-    P.sort_indices()
-    return P
-
-
 class ConjugateGradients:
     """See the module; ``iterations`` of the latest solve.
 
-    ``rtol``: of √(rᵀBr), where B is the preconditioner: the error of the solution in the norm of
-    the energy, up to how well B does. Newton's corrections are right to so many digits of theirs.
+    Of the unknowns those beyond the ``modes`` (n, 6) are multipliers of constraint rows. ``rtol``:
+    of √(rᵀBr), where B is the preconditioner: the error of the solution in the norm of the energy,
+    up to how well B does. Newton's corrections are right to so many digits of theirs.
     """
 
     def __init__(
@@ -130,41 +101,62 @@ class ConjugateGradients:
         rtol: float = 1e-8,
         most: int = 500,
     ):
-        self.n = len(indptr) - 1
+        """Raises ValueError for constraint rows without a coarse space."""
+        self.n = len(modes)
         self.iterations = 0
-        self._indptr, self._indices = np.asarray(indptr), np.asarray(indices)
         self._modes, self._rtol, self._most = modes, rtol, most
-        self._levels = None if coarse is None else TwoLevels(self._indptr, self._indices, coarse)
+        self._border = Border(np.asarray(indptr), np.asarray(indices), self.n)
+        if self._border.count and coarse is None:
+            raise ValueError("conjugate gradients take constraint rows of quadratic elements only")
+        pattern = self._border.indptr, self._border.indices
+        self._levels = None if coarse is None else TwoLevels(*pattern, coarse, self._border.count)
 
     def factorise(self, values: np.ndarray) -> Factor:
         """Set up the preconditioner for the matrix with these values; shape (nnz,).
 
-        Raises Indefinite where it shows that the matrix is not positive definite.
+        Raises Indefinite where it shows that the matrix is not positive definite on the motions
+        that the rows allow.
         """
-        prepare = self._aggregated if self._levels is None else self._levels.of
-        precondition = prepare(values)
+        values, C = self._border.split(values)
+        if self._levels is None:
+            precondition = self._aggregated(values)
+        else:
+            precondition = self._levels.of(values, C)
+        # The rows' forces and what answers to them.
+        lifted = np.array([precondition(row) for row in C]).reshape(C.shape)
+        gram = np.linalg.inv(C @ lifted.T)
+
+        def projected(r):
+            z = precondition(r)
+            forces = gram @ (C @ z)
+            return z - forces @ lifted, forces
 
         def solve(b, transposed=False):
             if b.ndim == 2:
                 return np.column_stack([solve(column) for column in b.T])
-            return self._solve(values, precondition, b)
+            start = (gram @ b[self.n :]) @ lifted
+            return self._solve(values, C, projected, b[: self.n], start)
 
         return Factor(solve, None)
 
     def _aggregated(self, values):
         import pyamg
 
-        upper = sp.csr_array((values, self._indices, self._indptr), shape=(self.n, self.n))
+        pattern = self._border.indices, self._border.indptr
+        upper = sp.csr_array((values, *pattern), shape=(self.n, self.n))
         matrix = sp.csr_matrix(upper + sp.triu(upper, 1).T)
         hierarchy = pyamg.smoothed_aggregation_solver(
             matrix, B=self._modes, strength=("symmetric", {"theta": 0.02}), max_coarse=300
         )
         return hierarchy.aspreconditioner().matvec
 
-    def _solve(self, values, precondition, b):
+    def _solve(self, values, C, projected, b, x):
         self.iterations = 0
-        x, r = np.zeros(self.n), np.array(b, dtype=float)
-        z = precondition(r)
+        r = np.array(b, dtype=float)
+        if x.any():
+            r -= self._times(values, x)
+        z, multipliers = projected(r)
+        r -= multipliers @ C
         p, size = z.copy(), r @ z
         goal = self._rtol**2 * size
         while size > goal:
@@ -174,7 +166,7 @@ class ConjugateGradients:
                     "is badly conditioned; use a direct method"
                 )
             self.iterations += 1
-            q = product(self._indptr, self._indices, values, p, True)
+            q = self._times(values, p)
             curvature = p @ q
             if curvature <= 0:
                 raise Indefinite(
@@ -183,7 +175,10 @@ class ConjugateGradients:
                 )
             x += size / curvature * p
             r -= size / curvature * q
-            z = precondition(r)
+            z, forces = projected(r)
+            # What the rows take up would hide the rest in rounding.
+            r -= forces @ C
+            multipliers += forces
             before, size = size, r @ z
             p = z + size / before * p
         if not np.isfinite(x).all() or not np.isfinite(size) or size < 0:
@@ -191,46 +186,92 @@ class ConjugateGradients:
                 "conjugate gradients broke down: the matrix is not positive definite or not "
                 "finite; use a direct method"
             )
-        return x
+        return np.concatenate([x, multipliers])
+
+    def _times(self, values, x):
+        return product(self._border.indptr, self._border.indices, values, x, True)
+
+
+class Border:
+    """A stiffness of order n and the ``count`` constraint rows that stand behind it, in one upper
+    triangle; ``indptr``, ``indices``: the stiffness's."""
+
+    def __init__(self, indptr, indices, n: int):
+        self.count = len(indptr) - 1 - n
+        self.indptr, self.indices = indptr, indices
+        if not self.count:
+            return
+        row = np.repeat(np.arange(len(indptr) - 1), np.diff(indptr))
+        self._own, self._side = indices < n, np.flatnonzero((indices >= n) & (row < n))
+        self._where = indices[self._side] - n, row[self._side]
+        self.indices = indices[self._own]
+        starts = np.concatenate([[0], np.cumsum(np.bincount(row[self._own], minlength=n))])
+        self.indptr = starts.astype(np.int64)
+
+    def split(self, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """The stiffness's values, and the rows (count, n)."""
+        C = np.zeros((self.count, len(self.indptr) - 1))
+        if not self.count:
+            return values, C
+        C[self._where] = values[self._side]
+        return values[self._own], C
 
 
 class TwoLevels:
     """A symmetric cycle for matrices of one pattern (its upper triangle) and one coarse space
-    P (n, m): smooth, solve for the smooth part, smooth."""
+    P (n, m): smooth, solve for the smooth part, smooth. The smooth part keeps constraint ``rows``,
+    so many, which may be all that holds the body."""
 
-    def __init__(self, indptr, indices, coarse: Coarse):
+    def __init__(self, indptr, indices, coarse: Coarse, rows: int = 0):
         self._pattern = indptr, indices
         P = coarse.prolongation
         self._P, self._R = P, sp.csr_array(P.T)
         self._R.sort_indices()
         n, m = P.shape
         part = (indptr, indices, P.indptr, P.indices, self._R.indptr, self._R.indices)
-        starts, columns = _coarse_pattern(*part, m)
+        starts, columns = galerkin_pattern(*part, m)
         G = sp.csr_array((np.ones(len(columns), np.int8), columns, starts), shape=(m, m))
         upper = sp.csr_array(sp.triu(G + G.T))
         upper.sort_indices()
         self._coarse = upper.indptr.astype(np.int64), upper.indices
-        self._solver = make_solver(upper.indptr, upper.indices, symmetric=True)
+        whole = self._with_rows(upper.data, np.zeros((m, rows)))
+        self._solver = make_solver(whole.indptr, whole.indices, symmetric=True, bordered=bool(rows))
         self._blocks = LineBlocks(indptr, indices, coarse.line, coarse.place)
         self._guess = np.random.default_rng(0).standard_normal(n)
 
-    def of(self, values: np.ndarray):
-        """The preconditioner r → B r of the matrix with these values, B symmetric and positive."""
+    def _with_rows(self, values, side):
+        """The coarse matrix bordered by what rows say of its functions, ``side`` (m, rows)."""
+        starts, columns = self._coarse
+        m, rows = side.shape
+        coarse = sp.csr_array((values, columns, starts), shape=(m, m))
+        if not rows:
+            return coarse
+        full = (np.tile(np.arange(rows), m), rows * np.arange(m + 1))
+        side = sp.csr_array((side.ravel(), *full), shape=(m, rows))
+        corner = sp.csr_array((np.zeros(rows), np.arange(rows), np.arange(rows + 1)), (rows, rows))
+        whole = sp.csr_array(sp.block_array([[coarse, side], [None, corner]], format="csr"))
+        whole.sort_indices()
+        return whole
+
+    def of(self, values: np.ndarray, C: np.ndarray):
+        """The preconditioner r → B r of the matrix with these values, B symmetric and positive, for
+        the constraint rows C (rows, n)."""
         indptr, indices = self._pattern
         P, R = self._P, self._R
         over = self._blocks.of(values)
         starts, columns = self._coarse
-        coarse = _galerkin(
+        coarse = galerkin(
             indptr, indices, values, P.indptr, P.indices, P.data, R.indptr, R.indices, R.data,
             starts, columns,
         )  # fmt: skip
         coarse[starts[:-1]] *= 1 + NULL
-        factor = self._solver.factorise(coarse)
-        if factor.negative:
+        factor = self._solver.factorise(self._with_rows(coarse, R @ C.T).data)
+        if factor.negative is not None and factor.negative > len(C):
             raise Indefinite(
-                f"the matrix is not positive definite (at least {factor.negative} negative "
-                "eigenvalues); use a direct method"
+                f"the matrix is not positive definite (at least {factor.negative - len(C)} "
+                "negative eigenvalues); use a direct method"
             )
+        multipliers = np.zeros(len(C))
 
         def times(x):
             return product(indptr, indices, values, x, True)
@@ -258,7 +299,7 @@ class TwoLevels:
         def cycle(r):
             r = np.array(r)
             x = smooth(r, False)
-            smooth_part = P @ factor.solve(R @ r)
+            smooth_part = P @ factor.solve(np.append(R @ r, multipliers))[: P.shape[1]]
             r -= times(smooth_part)
             return x + smooth_part + smooth(r, True)
 
@@ -303,94 +344,3 @@ class LineBlocks:
             return out
 
         return solve
-
-
-@numba.njit(cache=True)
-def product(indptr, indices, values, x, symmetric):
-    """The matrix times x; of a symmetric one the upper triangle is stored."""
-    out = np.zeros(len(x))
-    for i in range(len(x)):
-        total = 0.0
-        for k in range(indptr[i], indptr[i + 1]):
-            j = indices[k]
-            total += values[k] * x[j]
-            if symmetric and j != i:
-                out[j] += values[k] * x[i]
-        out[i] += total
-    return out
-
-
-@numba.njit(cache=True)
-def _coarse_pattern(starts, columns, p_starts, p_columns, r_starts, r_columns, m):
-    """Pattern of Pᵀ U P of an upper triangle U, (m, m), columns not sorted."""
-    seen_fine, seen = np.full(len(starts) - 1, -1), np.full(m, -1)
-    indptr = np.zeros(m + 1, np.int64)
-    out = np.empty(64 * m, np.int32)
-    at = 0
-    for p in range(m):
-        if at + m > len(out):
-            bigger = np.empty(2 * len(out) + m, np.int32)
-            bigger[:at] = out[:at]
-            out = bigger
-        for k in range(r_starts[p], r_starts[p + 1]):
-            i = r_columns[k]
-            for e in range(starts[i], starts[i + 1]):
-                j = columns[e]
-                if seen_fine[j] == p:
-                    continue
-                seen_fine[j] = p
-                for h in range(p_starts[j], p_starts[j + 1]):
-                    q = p_columns[h]
-                    if seen[q] != p:
-                        seen[q] = p
-                        out[at] = q
-                        at += 1
-        indptr[p + 1] = at
-    return indptr, out[:at].copy()
-
-
-@numba.njit(cache=True)
-def _galerkin(
-    starts, columns, values, p_starts, p_columns, p_values, r_starts, r_columns, r_values,
-    c_starts, c_columns,
-):  # fmt: skip
-    """Upper triangle of PᵀAP, of the upper triangle of A: with A = U + Uᵀ, the diagonal halved."""
-    n, m = len(starts) - 1, len(c_starts) - 1
-    row, seen_fine, fine = np.zeros(n), np.full(n, -1), np.empty(n, np.int32)
-    total, seen, touched = np.zeros(m), np.full(m, -1), np.empty(m, np.int32)
-    out = np.zeros(len(c_columns))
-    for p in range(m):
-        count = 0
-        for k in range(r_starts[p], r_starts[p + 1]):
-            i, w = r_columns[k], r_values[k]
-            for e in range(starts[i], starts[i + 1]):
-                j = columns[e]
-                if seen_fine[j] != p:
-                    seen_fine[j] = p
-                    row[j] = 0.0
-                    fine[count] = j
-                    count += 1
-                row[j] += (0.5 if i == j else 1.0) * w * values[e]
-        several = 0
-        for k in range(count):
-            j = fine[k]
-            for h in range(p_starts[j], p_starts[j + 1]):
-                q = p_columns[h]
-                if seen[q] != p:
-                    seen[q] = p
-                    total[q] = 0.0
-                    touched[several] = q
-                    several += 1
-                total[q] += row[j] * p_values[h]
-        for k in range(several):
-            q = touched[k]
-            a, b = min(p, q), max(p, q)
-            low, high = c_starts[a], c_starts[a + 1]
-            while high - low > 1:
-                middle = (low + high) // 2
-                if c_columns[middle] <= b:
-                    low = middle
-                else:
-                    high = middle
-            out[low] += total[q] * (2.0 if p == q else 1.0)
-    return out

@@ -17,6 +17,7 @@ from functools import lru_cache
 from importlib.metadata import PackageNotFoundError, files
 from typing import TYPE_CHECKING
 
+import numba
 import numpy as np
 import scipy.sparse as sp
 from scipy.sparse.linalg import splu
@@ -298,3 +299,94 @@ class SuperLU:
         if self._symmetric and np.array_equal(lu.perm_r, lu.perm_c):
             negative = int(np.sum(lu.U.diagonal() < 0))
         return Factor(lambda b, transposed: lu.solve(b, "T" if transposed else "N"), negative)
+
+
+@numba.njit(cache=True)
+def product(indptr, indices, values, x, symmetric):
+    """The matrix times x; of a symmetric one the upper triangle is stored."""
+    out = np.zeros(len(x))
+    for i in range(len(x)):
+        total = 0.0
+        for k in range(indptr[i], indptr[i + 1]):
+            j = indices[k]
+            total += values[k] * x[j]
+            if symmetric and j != i:
+                out[j] += values[k] * x[i]
+        out[i] += total
+    return out
+
+
+@numba.njit(cache=True)
+def galerkin_pattern(starts, columns, p_starts, p_columns, r_starts, r_columns, m):
+    """Pattern of Pᵀ U P of an upper triangle U, (m, m), columns not sorted."""
+    seen_fine, seen = np.full(len(starts) - 1, -1), np.full(m, -1)
+    indptr = np.zeros(m + 1, np.int64)
+    out = np.empty(64 * m, np.int32)
+    at = 0
+    for p in range(m):
+        if at + m > len(out):
+            bigger = np.empty(2 * len(out) + m, np.int32)
+            bigger[:at] = out[:at]
+            out = bigger
+        for k in range(r_starts[p], r_starts[p + 1]):
+            i = r_columns[k]
+            for e in range(starts[i], starts[i + 1]):
+                j = columns[e]
+                if seen_fine[j] == p:
+                    continue
+                seen_fine[j] = p
+                for h in range(p_starts[j], p_starts[j + 1]):
+                    q = p_columns[h]
+                    if seen[q] != p:
+                        seen[q] = p
+                        out[at] = q
+                        at += 1
+        indptr[p + 1] = at
+    return indptr, out[:at].copy()
+
+
+@numba.njit(cache=True)
+def galerkin(
+    starts, columns, values, p_starts, p_columns, p_values, r_starts, r_columns, r_values,
+    c_starts, c_columns,
+):  # fmt: skip
+    """Upper triangle of PᵀAP, of the upper triangle of A: with A = U + Uᵀ, the diagonal halved."""
+    n, m = len(starts) - 1, len(c_starts) - 1
+    row, seen_fine, fine = np.zeros(n), np.full(n, -1), np.empty(n, np.int32)
+    total, seen, touched = np.zeros(m), np.full(m, -1), np.empty(m, np.int32)
+    out = np.zeros(len(c_columns))
+    for p in range(m):
+        count = 0
+        for k in range(r_starts[p], r_starts[p + 1]):
+            i, w = r_columns[k], r_values[k]
+            for e in range(starts[i], starts[i + 1]):
+                j = columns[e]
+                if seen_fine[j] != p:
+                    seen_fine[j] = p
+                    row[j] = 0.0
+                    fine[count] = j
+                    count += 1
+                row[j] += (0.5 if i == j else 1.0) * w * values[e]
+        several = 0
+        for k in range(count):
+            j = fine[k]
+            for h in range(p_starts[j], p_starts[j + 1]):
+                q = p_columns[h]
+                if seen[q] != p:
+                    seen[q] = p
+                    total[q] = 0.0
+                    touched[several] = q
+                    several += 1
+                total[q] += row[j] * p_values[h]
+        for k in range(several):
+            q = touched[k]
+            a, b = min(p, q), max(p, q)
+            low, high = c_starts[a], c_starts[a + 1]
+            while high - low > 1:
+                middle = (low + high) // 2
+                if c_columns[middle] <= b:
+                    low = middle
+                else:
+                    high = middle
+            out[low] += total[q] * (2.0 if p == q else 1.0)
+    return out

@@ -18,13 +18,14 @@ import numpy as np
 import scipy.sparse as sp
 
 from solver.equilibrium import checks
-from solver.equilibrium.iterative import Coarse, product, rigid_modes
+from solver.equilibrium.iterative import Coarse, rigid_modes
 from solver.equilibrium.linear import (
     Factor,
     ScaledFactor,
     SingularMatrix,
     make_solver,
     mkl_pardiso,
+    product,
 )
 from solver.given import all_of
 from solver.mesh.body import Body, NodeGraph
@@ -251,10 +252,8 @@ class Frame:
         tied: Sequence[Tied] = (),
     ):
         """Raises ValueError for supports and rows that contradict or repeat each other, for a body
-        that is held all over, and for rows with conjugate gradients."""
+        that is held all over, and for rows of linear elements with conjugate gradients."""
         fixed, rows = all_of("fixed", Fixed, fixed), all_of("rows", Row, rows)
-        if linear == "cg" and rows:
-            raise ValueError("conjugate gradients can't take constraint rows; use a direct method")
         n = len(body.nodes)
         self.rows = rows
         self.held = held = Held(n, fixed, all_of("tied", Tied, tied))

@@ -14,6 +14,9 @@ from scipy.sparse.csgraph import connected_components
 
 from solver.mesh.body import Body
 
+# Aspect ratio of most cells above which corners turn: linear functions can't bend flat cells unless
+# they shear them.
+TURNING = 3.0
 # How much shorter than across a flat cell is, how well a line follows its short way (a cosine), and
 # cells that are looked at together.
 FLAT, ALONG, CHUNK = 2.0, 0.9, 2000
@@ -46,6 +49,41 @@ def corner_weights(body: Body) -> tuple[np.ndarray, sp.csr_array] | None:
     W.eliminate_zeros()
     W.sort_indices()
     return corners, W
+
+
+def prolongation(body: Body, moves: np.ndarray, frames: np.ndarray) -> sp.csr_array | None:
+    """Components (3 n,) of the nodes, in their ``frames`` (n, 3, 3; columns are axes), of the
+    motions of the cells' corners: a matrix (3 n, m); None for linear elements.
+
+    A corner that moves takes along what the linear functions say; in flat cells one that turns,
+    too, about itself: its function times the rigid motions. ``moves`` (n, 3): components of the
+    corners that nothing holds; a corner that can't move across an axis doesn't turn about it.
+    """
+    found = corner_weights(body)
+    if found is None:
+        return None
+    corners, W = found
+    W, kept = W.tocoo(), moves[corners]
+    arm = (body.nodes[W.row] - body.nodes[corners[W.col]]) / body.length * len(corners) ** (1 / 3)
+    axes = frames[corners][W.col]
+    columns = [(axes[:, :, k], kept[:, k]) for k in range(3)]
+    if aspect(body) > TURNING:
+        turns = [kept[:, (k + 1) % 3] | kept[:, (k + 2) % 3] for k in range(3)]
+        columns += [(np.cross(axes[:, :, k], arm), turns[k]) for k in range(3)]
+    number = np.cumsum(np.column_stack([on for _, on in columns]).ravel()) - 1
+    number = number.reshape(len(corners), -1)
+    parts = []
+    for k, (motion, on) in enumerate(columns):
+        use = on[W.col]
+        motion = np.einsum("pji,pj->pi", frames[W.row[use]], motion[use])
+        at = 3 * W.row[use, None] + np.arange(3)
+        to = np.broadcast_to(number[W.col[use], k][:, None], at.shape)
+        parts.append(((W.data[use, None] * motion).ravel(), at.ravel(), to.ravel()))
+    data, rows, cols = (np.concatenate(part) for part in zip(*parts, strict=True))
+    P = sp.csr_array((data, (rows, cols)), (3 * len(body.nodes), number.max() + 1))
+    P.eliminate_zeros()
+    P.sort_indices()
+    return P
 
 
 def aspect(body: Body) -> float:

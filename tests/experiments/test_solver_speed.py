@@ -7,8 +7,9 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from experiments import solver_speed
+from experiments import _solver_methods, solver_speed
 from experiments.solver_speed import Config, _clocked, _slope, path_cost, plot_cost, sized
+from foldlab.errors import InputError
 from solver.cases.unit import problem_p
 
 
@@ -71,6 +72,8 @@ def test_jobs_get_threads_of_their_own_and_their_repeats(tracker, monkeypatch):
         asked.append((threads, job.__name__, args))
         if job is solver_speed.path_cost:
             return {"element": args[0]}
+        if job is _solver_methods.solve_cost:
+            return solved(*args)
         element, n, _ = args
         times = {"iteration_s": n**1.5, "assembly_s": float(n), "factor_s": float(n) ** 2}
         return {"element": element, "unknowns": n, **times}
@@ -79,6 +82,7 @@ def test_jobs_get_threads_of_their_own_and_their_repeats(tracker, monkeypatch):
     config = Config(
         path_levels=(0, 2), path_elements=("hex20",), path_sizes=((3, 12),), hex27=(1000, 10_000),
         tet4=(1000, 299_999, 300_000), repeats=4, threads=3, path_threads=2,
+        shapes=("slab",), solves_hex27=(1000,), solves_tet4=(),
     )  # fmt: skip
     result = solver_speed.run(config, tracker)
     assert asked == [
@@ -87,11 +91,36 @@ def test_jobs_get_threads_of_their_own_and_their_repeats(tracker, monkeypatch):
         (3, "iteration_cost", ("hex27", 1000, 4)), (3, "iteration_cost", ("hex27", 10_000, 4)),
         (3, "iteration_cost", ("tet4", 1000, 4)), (3, "iteration_cost", ("tet4", 299_999, 4)),
         (3, "iteration_cost", ("tet4", 300_000, 1)),
+        (3, "solve_cost", ("slab", "hex27", 1000, "none", 4)),
+        (3, "solve_cost", ("slab", "hex27", 1000, "direct", 4)),
+        (3, "solve_cost", ("slab", "hex27", 1000, "iterative", 4)),
     ]  # fmt: skip
+    assert len(result["methods"]) == 1 and list(result["crossings"]) == ["slab_hex27"]
     assert len(result["problem_p"]) == 3 and len(result["table"]) == 5
     for element in ("hex27", "tet4"):
         for what, exponent in (("iteration_s", 1.5), ("assembly_s", 1.0), ("factor_s", 2.0)):
             assert result["exponents"][f"{element}_{what}"] == pytest.approx(exponent)
+
+
+def solved(shape, element, unknowns, method, repeats):
+    """What a solve might give."""
+    size = {"none": 0.0, "direct": 4.0, "iterative": 1.0}[method]
+    return {
+        "shape": shape, "element": element, "unknowns": unknowns, "cells": 5, "build_s": 1.0,
+        "first_s": 2 * size, "again_s": size, "iterations": 9, "residual": 1e-9,
+        "peak_mb": 100.0 + 10 * size,
+    }  # fmt: skip
+
+
+def test_parts_are_chosen(tracker, monkeypatch):
+    monkeypatch.setattr(solver_speed, "_alone", lambda threads, job, *args: solved(*args))
+    config = Config(parts=("methods",), shapes=("block",), solves_hex27=(9,), solves_tet4=(90,))
+    result = solver_speed.run(config, tracker)
+    assert set(result) == {"methods", "crossings", "table"}
+    assert [row["element"] for row in result["table"]] == ["hex27", "tet4"]
+    for parts in (("metods",), ()):
+        with pytest.raises(InputError, match="there are: paths, iterations, methods"):
+            solver_speed.run(Config(parts=parts), tracker)
 
 
 def environment():

@@ -9,10 +9,8 @@ from solver.equilibrium.iterative import (
     Indefinite,
     LineBlocks,
     TwoLevels,
-    product,
-    prolongation,
 )
-from solver.equilibrium.linear import SingularMatrix, make_solver
+from solver.equilibrium.linear import SingularMatrix, make_solver, product
 from solver.equilibrium.scene import Scene
 from solver.mesh.body import Body
 from solver.mesh.structured import box
@@ -20,7 +18,7 @@ from solver.paths import LoadSteps, trace
 from solver.physics.elastic import Elastic
 from solver.physics.growth import Isotropic
 from solver.physics.materials import NeoHookean
-from solver.physics.supports import Fixed, Held, Tied
+from solver.physics.supports import Fixed, Held, Row, Tied, rotation_row, translation_row
 
 
 def body_of(element="hex27", counts=(2, 2, 2), size=(1.0, 1.0, 1.0), shape=None):
@@ -85,6 +83,37 @@ def test_supports_at_an_angle_and_ties_are_seen_by_the_coarse_space():
     assert iterations <= plain + 3
 
 
+def rigid_rows(body, size=1.0):
+    rows = [make(body, k) for make in (translation_row, rotation_row) for k in range(3)]
+    return [Row(size * row.coefficients, 0.1 * k) for k, row in enumerate(rows)]
+
+
+@pytest.mark.parametrize(
+    ("size", "fixed"), [((1, 1, 1), False), ((1, 1, 0.1), False), ((1, 1, 1), True)]
+)
+def test_rows_are_kept_and_may_be_all_that_holds_a_body(size, fixed):
+    body = body_of(counts=(3, 2, 2), size=size)
+    low = body.nodes_where(lambda X: X[:, 0] < 1e-9)
+    # A mirror plane at an angle does some of their work.
+    fixed, rows = ([Fixed(low, [1, 1, 0])], [1, 2, 3]) if fixed else ([], range(6))
+    rows = [rigid_rows(body, 1e3)[k] for k in rows]
+    iterative, direct = (scene_of(body, to, fixed=fixed, rows=rows) for to in ("cg", "auto"))
+    b = np.random.default_rng(0).normal(size=direct.size)
+    system, n = direct.system(np.zeros(direct.size), 0.0), direct.n_free
+    want = system.factorise().solve(b)
+    got = iterative.system(np.zeros(direct.size), 0.0).factorise().solve(b)
+    assert 1 < iterative.solver.iterations <= 12
+    np.testing.assert_allclose(got[:n], want[:n], atol=1e-7 * np.abs(want[:n]).max())
+    np.testing.assert_allclose(got[n:], want[n:], rtol=1e-6)
+    np.testing.assert_allclose(iterative.frame.C_free @ got[:n], b[n:], rtol=1e-7)
+
+
+def test_rows_of_linear_elements_are_refused():
+    body = body_of("hex8")
+    with pytest.raises(ValueError, match="quadratic elements only"):
+        scene_of(body, rows=rigid_rows(body))
+
+
 def test_iterations_do_not_grow_with_the_mesh():
     few = [compared(body_of(counts=(n, n, n)))[0] for n in (2, 6)]
     assert few[1] <= few[0] + 2 and few[1] <= 10
@@ -119,26 +148,26 @@ def test_corners_of_flat_cells_turn_so_that_the_coarse_space_bends(element):
     free = Held(len(body_of(element).nodes), [])
     thick = body_of(element)
     rigid = np.array([1.0, 2.0, 3.0]) + np.cross([0.3, -0.5, 1.0], thick.nodes)
-    P = prolongation(thick, free)
+    P = Coarse.of(thick, free).prolongation
     assert P.shape[1] == 3 * 27
     assert left_over(P, rigid.ravel()) < 1e-12
     assert left_over(P, bent(thick).ravel()) > 1e-2
     flat = body_of(element, size=(1.0, 1.0, 0.1))
-    P = prolongation(flat, free)
+    P = Coarse.of(flat, free).prolongation
     assert P.shape[1] == 6 * 27
     assert left_over(P, bent(flat).ravel()) < 1e-12
 
 
 def test_linear_elements_have_no_coarse_space():
     body = body_of("hex8")
-    assert prolongation(body, Held(len(body.nodes), [])) is None
+    assert Coarse.of(body, Held(len(body.nodes), [])) is None
 
 
 @pytest.mark.parametrize("size", [(1.0, 1.0, 1.0), (1.0, 1.0, 0.1)])
 def test_linear_motions_that_supports_and_ties_admit_are_coarse(size):
     body = body_of(counts=(4, 2, 2), size=size)
     held = Held(len(body.nodes), **held_askew(body))
-    P = prolongation(body, held)
+    P = Coarse.of(body, held).prolongation
     # The end slides along its mirror plane; what is tied moves alike.
     u = body.nodes[:, :1] * [0.5, 0.0, -1.0]
     assert left_over(P, held.to_local(u).ravel()[held.index]) < 1e-12
@@ -164,7 +193,7 @@ def test_the_coarse_matrix_is_galerkins():
             return np.zeros_like(b)
 
     levels._solver.factorise = lambda values: seen.append(values) or Recorder()
-    cycle = levels.of(upper.data)
+    cycle = levels.of(upper.data, np.zeros((0, 12)))
     starts, columns = levels._coarse
     got = sp.csr_array((seen[0], columns, starts), shape=(5, 5)).toarray()
     np.testing.assert_allclose(got, np.triu(P.T @ A @ P), rtol=1e-8, atol=1e-12)
@@ -257,6 +286,13 @@ def test_a_body_pressed_past_buckling_is_refused():
     assert direct.system(direct.unknowns(u), 0.0).unstable > 0
     with pytest.raises(Indefinite):
         scene.system(scene.unknowns(u), 0.0).factorise().solve(np.ones(scene.size))
+    # Rows alone hold it: their own negative eigenvalues don't count.
+    scene = scene_of(body, rows=rigid_rows(body))
+    rest, pressed = (scene.unknowns(v) for v in (0 * u, u))
+    x = scene.system(rest, 0.0).factorise().solve(np.ones(scene.size))
+    assert np.isfinite(x).all()
+    with pytest.raises(Indefinite, match=r"at least [1-9]"):
+        scene.system(pressed, 0.0).factorise()
 
 
 def test_a_path_is_the_direct_one():
