@@ -215,7 +215,7 @@ def against_solids(config: Config):
             pattern = Pattern(0.06 * pattern.vertices, pattern.faces, [Crease((1, 4), 1, 0.005)])
         body = from_labels(Structure.of(pattern, SHEET, layer))[0]
         start = core_seconds()
-        fast = answer(body, ("gravity", "ground"), upright=True, timeout=config.timeout)
+        fast = answer(body, upright=True, timeout=config.timeout)
         fast_seconds = core_seconds() - start
         whole = solid(body, upright=True, level=config.level, timeout=5 * config.timeout)
         row = {

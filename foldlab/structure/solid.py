@@ -1,7 +1,8 @@
 """What the full solid says of a structure that the fast level has folded.
 
 On two meshes: the angles are the finer one's, and the two's difference is stated as their error.
-Panels sag, twist and curl here; what they touch of each other is left out.
+Panels sag, twist and curl here, and touch each other a thickness apart; what a hinge touches is
+left out.
 """
 
 from __future__ import annotations
@@ -24,14 +25,16 @@ if TYPE_CHECKING:
 class Solid:
     """``foldable``: None where the finer path came to no end, or the error leaves a hinge open.
 
-    ``angles`` (hinges,), rad, and ``error`` (hinges,), None where the coarser path came to no end;
-    ``unknowns`` of the finer mesh; ``core_seconds`` of both.
+    ``angles`` (hinges,), rad, at the full contraction, or where panels met on the way and no state
+    near by goes on from there, at ``contraction`` of it; ``error`` (hinges,), None where the
+    coarser path came to no end; ``unknowns`` of the finer mesh; ``core_seconds`` of both.
     """
 
     foldable: bool | None
     reason: str
     angles: np.ndarray | None
     error: np.ndarray | None
+    contraction: float
     unknowns: int
     core_seconds: float
     folding: Folding = field(repr=False)
@@ -43,6 +46,7 @@ class Solid:
             "reason": self.reason,
             "angles": None if self.angles is None else self.angles.tolist(),
             "error": None if self.error is None else self.error.tolist(),
+            "contraction_reached": self.contraction,
             "unknowns": self.unknowns,
             "core_seconds": self.core_seconds,
         }
@@ -50,7 +54,7 @@ class Solid:
 
 def solid(
     structure: Structure,
-    effects: Sequence[str] = ("gravity", "ground"),
+    effects: Sequence[str] = ("gravity", "ground", "contact"),
     *,
     need: float | None = None,
     upright: bool = False,
@@ -70,17 +74,15 @@ def solid(
 
     if level not in range(1, len(LEVELS)):
         raise ValueError(f"level {level}; expected 1 to {len(LEVELS) - 1}, one above the coarsest")
-    acting = tuple(name for name in effects if name != "contact")
-    begun, ends = core_seconds(), []
+    begun, ends, answers = core_seconds(), [], (Ending.REACHED, Ending.STOPPED)
     with one_core():
         for own in (level - 1, level):
             model = build(
-                structure, acting, level=own, upright=upright, deadline=core_seconds() + timeout
+                structure, effects, level=own, upright=upright, deadline=core_seconds() + timeout
             )
             tell(f"solid: {model.scene.size} unknowns")
-            folding = fold(model)
-            reached = folding.ending is Ending.REACHED
-            ends.append(folding.last.angles if reached else None)
+            folding = fold(model, meet=False)
+            ends.append(folding.last.angles if folding.ending in answers else None)
     spent = core_seconds() - begun
     coarse, angles = ends
     error = None if coarse is None or angles is None else np.abs(angles - coarse)
@@ -88,7 +90,11 @@ def solid(
         foldable, reason = None, f"unknown: {folding.detail}"
     else:
         foldable, reason = _verdict(structure, angles, error, need)
-    return Solid(foldable, reason, angles, error, folding.model.scene.size, spent, folding)
+        if folding.ending is Ending.STOPPED:
+            reason += f", when panels meet at {100 * folding.last.e:.3g} % of the contraction"
+    reached = folding.last.e if folding.states else 0.0
+    size = folding.model.scene.size
+    return Solid(foldable, reason, angles, error, reached, size, spent, folding)
 
 
 def _verdict(structure: Structure, angles, error, need: float | None) -> tuple[bool | None, str]:

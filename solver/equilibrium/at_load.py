@@ -4,11 +4,13 @@ for thin bodies with steps that mind how stresses grow."""
 from __future__ import annotations
 
 from collections.abc import Callable
+from contextlib import suppress
 from typing import NamedTuple
 
 import numpy as np
 
 from solver.equilibrium.barriers import around
+from solver.equilibrium.linear import SingularMatrix
 from solver.equilibrium.linesearch import Step, damped, downhill, largest
 from solver.equilibrium.outcome import Outcome
 from solver.equilibrium.scene import Scene, System
@@ -107,7 +109,12 @@ class Mixed(AtLoad):
     def linearise(self, z):
         # Chords move on from where the stresses belong to.
         self.plain = z is not self._where
-        return self._linear(z, None if self.plain else self._stresses)
+        linear = self._linear(z, None if self.plain else self._stresses)
+        if not self.plain or linear is None or self.scene.convex is None:
+            return linear
+        with suppress(SingularMatrix):
+            self.plain = linear.system.unstable == 0
+        return linear if self.plain else self._linear(z, self.scene.convex)
 
     def step(self, system, solve, z, dz, longest):
         self._steps += 1

@@ -81,7 +81,8 @@ def newton(
     spent = 0
     if unstable == 0 and any(hasattr(term, "extrapolated") for term in scene.terms):
         mixed = Mixed(scene, e, rtol)
-        most = min(max_iterations, MIXED)
+        # Contact takes its time to find out what touches.
+        most = min(max_iterations, MIXED if scene.convex is None else 2 * MIXED)
         result = iterate(mixed, x, rtol=rtol, max_iterations=most, fresh=fresh)
         spent = result.iterations
         if result.converged and not mixed.plain:

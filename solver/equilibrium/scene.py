@@ -342,6 +342,13 @@ class Scene:
             dyads = np.stack([np.sqrt(c) * self.pulls(g) for c, g in part.dyads], axis=1)
         return System(self, R, self.frame.pattern.gather(blocks), part.energy, dyads)
 
+    @property
+    def convex(self) -> list | None:
+        """What :meth:`system` takes as stresses where terms that can are to add nothing negative
+        to the tangent; None where there is no such term."""
+        kept = [getattr(term, "convex", None) for term in self.terms]
+        return None if all(own is None for own in kept) else kept
+
     def extrapolated(self, x: np.ndarray, dx: np.ndarray, e: float) -> list[np.ndarray | None]:
         """Of each term the stresses that a step dx from x would lead to if they grew in proportion
         to it; None for terms without, and where x or the load is not admissible."""

@@ -74,6 +74,10 @@ class Model:
         """Height of the lowest corner of the underside above the ground."""
         return float(self.ground.heights(u).min())
 
+    def clearance(self, u: np.ndarray) -> float:
+        """Of panels from each other; inf where none are near."""
+        return self.contact.distance(u)
+
     def centre_of_mass(self, u: np.ndarray) -> np.ndarray:
         """Of the structure displaced by u (n, 3), (3,)."""
         mass, Y = self.parts.mass, self.body.nodes + u
@@ -106,13 +110,7 @@ def build(
     :class:`solver.cases.unit.choices.Watch`. Raises ValueError for unknown effects, and for panels
     that hang together with nothing.
     """
-    effects = tuple(effects)
-    unknown = [name for name in effects if name not in EFFECTS]
-    if unknown:
-        raise ValueError(f"effect {unknown[0]!r}; expected some of {', '.join(EFFECTS)}")
-    if ("gravity" in effects) != ("ground" in effects):
-        raise ValueError("weight and ground come together; give both effects or none")
-    heavy = "gravity" in effects
+    effects, heavy = acting(effects)
     pattern, h = structure.pattern, structure.sheet.h
     parts = Parts.of(structure, heavy)
     body = _body(parts)
@@ -133,7 +131,7 @@ def build(
     corners, owners, faces = _corners(body, parts)
     if "contact" in effects:
         energy = float(stiffness.max())
-        contact = Touch(body, corners, owners, faces, gap=_gap(structure), energy=energy)
+        contact = Touch(body, corners, owners, faces, gap=gap_of(structure), energy=energy)
         terms.append(contact)
     if deadline is not None:
         terms.append(Deadline(deadline))
@@ -144,6 +142,18 @@ def build(
     )
     scene = held(empty, terms, np.zeros_like(body.nodes), scales=scales, sections=linked)
     return replace(empty, scene=scene)
+
+
+def acting(effects: Sequence[str]) -> tuple[tuple[str, ...], bool]:
+    """The effects, and whether weight is one; raises ValueError for what is none, and for weight
+    without ground."""
+    effects = tuple(effects)
+    unknown = [name for name in effects if name not in EFFECTS]
+    if unknown:
+        raise ValueError(f"effect {unknown[0]!r}; expected some of {', '.join(EFFECTS)}")
+    if ("gravity" in effects) != ("ground" in effects):
+        raise ValueError("weight and ground come together; give both effects or none")
+    return effects, "gravity" in effects
 
 
 def _linked(structure: Structure, parts: Parts, body: Body) -> Linked:
@@ -207,7 +217,7 @@ def _corners(body: Body, parts: Parts) -> tuple[sp.csr_array, np.ndarray, np.nda
     return _points(body, owners, places), np.array(owners), np.concatenate(faces)
 
 
-def _gap(structure: Structure) -> float:
+def gap_of(structure: Structure) -> float:
     """How far middle surfaces stay apart: a thickness, or less where panels lie closer flat."""
     import shapely
 

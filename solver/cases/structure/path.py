@@ -11,11 +11,14 @@ import numpy as np
 from solver.cases.structure.model import Model
 from solver.cases.unit.path import Ending, Folding, Happening
 from solver.equilibrium.clock import OutOfTime
+from solver.equilibrium.outcome import Outcome
 from solver.paths.point import Ended, Point
 from solver.paths.stability import Event
 from solver.paths.stable import StableSteps
 from solver.paths.steppers import LoadSteps
 
+MET = "panels met, and no state near by goes on from there"
+CUT = 0.05  # of a step, to which it is cut before panels are asked whether it is they
 SLIDE = 3000  # iterations of a fall in which panels slide on each other
 
 
@@ -48,11 +51,14 @@ def fold(
     turn: float = 0.25,
     stop: Callable[[State], bool] | None = None,
     on_state: Callable[[State], None] | None = None,
+    meet: bool = True,
     max_states: int = 500,
 ) -> Folding:
     """Follow the stable path from the flat sheet at e = 0 to e = 1.
 
-    ``turn``: rad that a hinge may fold by in a step, by its law; ``stop``: asked at each state.
+    ``turn``: rad that a hinge may fold by in a step, by its law; ``stop``: asked at each state;
+    ``meet``: whether to go on, however long that takes, where panels bar each other's way and no
+    state is near; else the path stops there.
     """
     begun = time.monotonic()
     creases = [h.crease for h in model.structure.pattern.hinges]
@@ -65,7 +71,7 @@ def fold(
     # The load's rate changes where a hinge begins or ends.
     marks = sorted({t for c in creases for t in (c.start, c.end)} | {1.0})
     steps = LoadSteps(
-        rtol=rtol, step=step, first=0.5, cut=4.0, growth=1.5, max_iterations=15, largest=2.0
+        rtol=rtol, step=step, first=0.5, cut=4.0, growth=1.5, max_iterations=24, largest=2.0
     )
     stepper = StableSteps(steps, locate=False)
     states: list[State] = []
@@ -101,7 +107,11 @@ def fold(
                 return ended(Ending.TOO_LONG)
             model = model.anchored(point.x, point.e)
             target = next(t for t in marks if t > point.e)
-            after = stepper.advance(model.scene, point, target)
+            after = None if meet else _straight(stepper.steps, model, point, target)
+            if isinstance(after, Ended):
+                return ended(Ending.STOPPED, MET)
+            if after is None:
+                after = stepper.advance(model.scene, point, target)
             if isinstance(after, Ended):
                 after, reason = _slowly(stepper, model, point, target), after.reason
             if isinstance(after, Ended):
@@ -109,6 +119,25 @@ def fold(
             point = after
     except OutOfTime:
         return ended(Ending.TIMEOUT)
+
+
+def _straight(steps: LoadSteps, model: Model, point: Point, target: float) -> Point | Ended | None:
+    """The next point by steps of the load, without a fall; Ended where there is none and panels bar
+    the way, None where it is not they that do."""
+    after = replace(steps, smallest=CUT * 0.9).advance(model.scene, point, target)
+    if isinstance(after, Point) and after.unstable == 0:
+        return after
+    ahead = min(steps.pace.now(point.control), target - point.e)
+    change = point.tangent[:-1] / point.tangent[-1] * ahead
+    u = model.scene.displacement(point.x, point.e)
+    v = model.scene.displacement(model.scene.moved(point.x, change, point.e), point.e + ahead)
+    touch = model.contact
+    barred = touch is not None and (
+        touch.longest_step(u, v - u) < 1 or np.isfinite(touch.distance(v))
+    )
+    return (
+        (after if isinstance(after, Ended) else Ended(Outcome.NO_STABLE_STATE)) if barred else None
+    )
 
 
 def _slowly(stepper: StableSteps, model: Model, point: Point, target: float) -> Point | Ended:
@@ -138,7 +167,7 @@ def _state(model: Model, point) -> State:
         model.strips(x, e),
         model.centre_of_mass(u),
         None if model.ground is None else model.lowest(u),
-        None if model.contact is None else model.contact.distance(u),
+        None if model.contact is None else model.clearance(u),
         point.unstable,
         point.energy,
         point.iterations,

@@ -13,6 +13,7 @@ from itertools import pairwise
 import numpy as np
 import scipy.sparse as sp
 import skfem
+from scipy.spatial import cKDTree
 
 from solver.cases.levels import sizes_of
 from solver.cases.structure.parts import Structure
@@ -88,6 +89,29 @@ class Sheet:
             ]
         shape = len(places), len(body.nodes)
         return sp.csr_array(sp.coo_array((weights, (rows, columns)), shape=shape))
+
+    def middle(self) -> tuple[sp.csr_array, np.ndarray, np.ndarray]:
+        """The panels' middle surface as triangles: weights (v, nodes) of its corners, halfway
+        between the sheet's faces; of which panel each is, (v,); triangles (t, 3) of corners."""
+        body, z = self.body, self.body.nodes[:, 2]
+        own = self.panel >= 0
+        nodes = np.unique(body.cells[own])
+        low, high = (nodes[np.abs(z[nodes] - end(z[nodes])) < 1e-12] for end in (np.min, np.max))
+        above = high[cKDTree(body.nodes[high, :2]).query(body.nodes[low, :2])[1]]
+        number = np.full(len(z), -1)
+        number[low] = np.arange(len(low))
+        ref = skfem.ElementHex2().doflocs
+        floor = np.flatnonzero(ref[:, 2] == 0)
+        grid = floor[np.lexsort(ref[floor, :2].T)].reshape(3, 3)
+        cells = own & (number[body.cells[:, floor]] >= 0).all(axis=1)
+        squares = [grid[i : i + 2, j : j + 2].ravel()[[0, 1, 3, 2]] for i in (0, 1) for j in (0, 1)]
+        halves = [square[half] for square in squares for half in ([0, 1, 2], [0, 2, 3])]
+        faces = np.concatenate([number[body.cells[cells][:, half]] for half in halves])
+        panels = np.empty(len(low), int)
+        panels[number[body.cells[cells][:, floor]]] = self.panel[cells][:, None]
+        at = np.arange(len(low))
+        entries = (np.full(2 * len(low), 0.5), (np.tile(at, 2), np.concatenate([low, above])))
+        return sp.csr_array(entries, shape=(len(low), len(z))), panels, faces
 
 
 def _inside(corners: np.ndarray, sign: np.ndarray, X: np.ndarray) -> np.ndarray:

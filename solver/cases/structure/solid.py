@@ -2,7 +2,8 @@
 
 What the fast level (:mod:`solver.cases.structure.model`) takes for rigid or for a law bends here:
 panels sag and twist, hinges curl. Lengths are in units of the pattern's extent, stresses in those
-of the sheet's modulus. Panels don't touch each other at this level.
+of the sheet's modulus. Panels touch each other with their middle surfaces, a thickness apart; what
+a hinge touches is left out.
 """
 
 from __future__ import annotations
@@ -15,9 +16,10 @@ import numpy as np
 import scipy.sparse as sp
 
 from solver.cases.structure.linked import Linked
-from solver.cases.structure.model import held
+from solver.cases.structure.model import EFFECTS, acting, gap_of, held
 from solver.cases.structure.parts import Structure
 from solver.cases.structure.sheet import Sheet, Sizes, apron, mesh
+from solver.cases.structure.touch import Touch
 from solver.equilibrium.clock import Deadline
 from solver.equilibrium.scene import Scene
 from solver.mesh.body import Body
@@ -28,7 +30,7 @@ from solver.physics.loads import Gravity
 from solver.physics.materials import NeoHookean
 from solver.physics.term import Term
 
-EFFECTS = ("gravity", "ground")
+NEAR = 2.5  # thicknesses, or gaps where those are less, within which contact is kept ready
 GROWTHS = ("uniaxial", "isotropic")
 
 
@@ -47,11 +49,11 @@ class Solid:
     sheet: Sheet
     scene: Scene = field(repr=False)
     ground: Ground | None
+    contact: Touch | None
     sides: sp.csr_array = field(repr=False)
     ends: tuple[sp.csr_array, sp.csr_array] = field(repr=False)
     outlines: tuple[sp.csr_array, ...] = field(repr=False)
     about: np.ndarray = field(repr=False)
-    contact: None = None
 
     @property
     def body(self) -> Body:
@@ -97,6 +99,10 @@ class Solid:
         """Height of the lowest point above the ground, in the pattern's unit."""
         return float(self.structure.pattern.extent * self.ground.gaps(u).min())
 
+    def clearance(self, u: np.ndarray) -> float:
+        """Of panels from each other, in the pattern's unit; inf where none are near."""
+        return self.structure.pattern.extent * self.contact.distance(u)
+
     def centre_of_mass(self, u: np.ndarray) -> np.ndarray:
         """Of the structure displaced by u (n, 3), in the pattern's unit, (3,)."""
         m = self.body.weights * _densities(self.structure, self.sheet)[:, None]
@@ -104,10 +110,13 @@ class Solid:
         return self.structure.pattern.extent * np.einsum("mq,mqi->i", m, x) / m.sum()
 
     def anchored(self, x: np.ndarray, e: float) -> Solid:
-        """The model for the step from x: angles go on from those there, and rows that hold
-        rotations see them as the structure lies now."""
+        """The model for the step from x: angles go on from those there, contact is ready for what
+        is near, and rows that hold rotations see them as the structure lies now."""
         u = self.scene.displacement(x, e)
-        return replace(self, scene=held(self, self.scene.terms, u), about=self._angles(u))
+        contact = None if self.contact is None else self.contact.moved(u)
+        terms = [contact if t is self.contact else t for t in self.scene.terms]
+        scene = held(self, terms, u)
+        return replace(self, scene=scene, contact=contact, about=self._angles(u))
 
 
 def build(
@@ -121,18 +130,13 @@ def build(
 ) -> Solid:
     """The scene of a structure lying flat, as a solid.
 
-    ``effects``: of "gravity" and "ground", which come together; ``growth``: of the layers, across
+    ``effects``: as of :func:`solver.cases.structure.model.build`; ``growth``: of the layers, across
     each hinge only ("uniaxial") or in all directions ("isotropic"); ``level``: see
     :data:`solver.cases.structure.sheet.LEVELS`; ``upright`` and ``deadline`` as in
     :func:`solver.cases.structure.model.build`. Raises ValueError for what is not offered, and
     ImportError where Gmsh can't be loaded.
     """
-    effects = tuple(effects)
-    if effects not in ((), EFFECTS, EFFECTS[::-1]):
-        raise ValueError(
-            f"effects {', '.join(effects)}; of a solid structure expected gravity and ground "
-            "together, or none: contact of panels is known to the fast level only"
-        )
+    effects, heavy = acting(effects)
     if growth not in GROWTHS:
         raise ValueError(f"growth {growth!r}; expected {' or '.join(GROWTHS)}")
     sheet = mesh(structure, level)
@@ -140,8 +144,8 @@ def build(
     own = _by_layer(structure, sheet, lambda layer: layer.E)
     material = NeoHookean(own / E, structure.nu)
     terms: list[Term] = [Elastic(body, material, _growth(structure, sheet, growth))]
-    ground = None
-    if effects:
+    ground = contact = None
+    if heavy:
         weight = structure.g * extent / E
         areal = max(structure.weight_per_area(k) for k in range(len(structure.laws))) / extent
         ground = Ground(
@@ -150,12 +154,17 @@ def build(
             height=float(body.nodes[:, 2].min()),
         )  # fmt: skip
         terms += [Gravity(body, _densities(structure, sheet), weight), ground]
+    if "contact" in effects:
+        gap = gap_of(structure) / extent
+        energy = gap * max(law.stiffness[0] for law in structure.laws) / (E * extent**3)
+        contact = Touch(body, *sheet.middle(), gap=gap, energy=energy, reach=NEAR * gap)
+        terms.append(contact)
     sides, a, b, outlines = _places(structure, sheet)
     empty = Solid(
-        structure, effects, upright, sheet, None, ground, sides, (a, b), outlines,
+        structure, effects, upright, sheet, None, ground, contact, sides, (a, b), outlines,
         np.zeros(len(structure.pattern.hinges)),
     )  # fmt: skip
-    sections = _sections(structure, sheet, bool(effects))
+    sections = _sections(structure, sheet, heavy)
     scene = held(empty, terms, np.zeros_like(body.nodes), sections=sections)
     if deadline is not None:
         # Scales are an evaluation too, and a model must come of it however late it is.

@@ -108,20 +108,23 @@ class Touch:
     ``corners`` (v, n) sparse: weights of the nodes at each corner of a panel; ``panels``: of which
     panel each is, (v,); ``faces`` (t, 3): triangles of corners. Middle surfaces stay ``gap`` apart;
     the barrier ends at twice that. ``energy``: its scale. ``about`` (n, 3): the displacement near
-    which stiffness is kept ready: of panels that are close there.
+    which stiffness is kept ready: of panels that are close there, as a whole where they are parts
+    of four nodes, else of what lies within ``reach`` of each other; there every corner must be of
+    equally many nodes.
     """
 
     name = "contact"
     symmetric = True
+    convex = ()
 
-    def __init__(self, body, corners, panels, faces, *, gap, energy, about=None):
+    def __init__(self, body, corners, panels, faces, *, gap, energy, about=None, reach=None):
         import ipctk
 
         # Its warnings go to the standard output, in which others read answers; its threads would
         # add up in another order each time, and take cores that nobody counts.
         ipctk.set_logger_level(ipctk.LoggerLevel.error)
         ipctk.set_num_threads(1)
-        self.body, self.gap = body, gap
+        self.body, self.gap, self._reach = body, gap, reach
         self._map = sp.csr_array(sp.kron(corners, sp.eye_array(3)))
         self._corners, self._panels = sp.csr_array(corners), panels
         rest = np.asfortranarray(self._corners @ body.nodes)
@@ -135,6 +138,7 @@ class Touch:
         self._mesh.can_collide = ipctk.make_vertex_patches_filter(panels.astype(np.int32))
         # In the toolkit's barrier distances come squared: (d² − d̂²)² ln …
         self._potential = ipctk.BarrierPotential(gap, energy / gap**4)
+        self._near = None
         self.graph = self._ready(np.zeros_like(body.nodes) if about is None else about)
 
     def moved(self, u: np.ndarray) -> Touch:
@@ -148,8 +152,17 @@ class Touch:
         return np.asfortranarray(self._corners @ (self.body.nodes + u))
 
     def _ready(self, u: np.ndarray) -> NodeGraph:
-        """Pairs of nodes of panels whose boxes, with a margin, meet."""
+        """Pairs of nodes of panels whose boxes, with a margin, meet, or of faces whose do."""
         X = self._vertices(u)
+        if self._reach is not None:
+            near = self._within(X)
+            if self._near is not None and np.array_equal(near, self._near):
+                return self.graph
+            self._near = near
+            nodes = self._corners.indices.reshape(len(X), -1)
+            return NodeGraph.of(
+                len(self.body.nodes), nodes[near].reshape(len(near), 4 * nodes.shape[1])
+            )
         count = self._panels.max() + 1
         low, high = np.full((count, 3), np.inf), np.full((count, 3), -np.inf)
         np.minimum.at(low, self._panels, X)
@@ -161,11 +174,30 @@ class Touch:
         nodes = (4 * pairs[:, :, None] + np.arange(4)).reshape(-1, 8)
         return NodeGraph.of(len(self.body.nodes), nodes)
 
+    def _within(self, X: np.ndarray) -> np.ndarray:
+        """Corners (c, 4) of which some may come near each other in a step."""
+        import ipctk
+
+        found = ipctk.Candidates()
+        found.build(self._mesh, X, self._reach / 2)
+        edges, faces = self._mesh.edges, self._mesh.faces
+        on_face = np.array([(c.face_id, c.vertex_id) for c in found.fv_candidates], int)
+        crossed = np.array([(c.edge0_id, c.edge1_id) for c in found.ee_candidates], int)
+        on_face, crossed = on_face.reshape(-1, 2), crossed.reshape(-1, 2)
+        rows = [
+            np.column_stack([faces[on_face[:, 0]], on_face[:, 1]]),
+            np.column_stack([edges[crossed[:, 0]], edges[crossed[:, 1]]]),
+        ]
+        return np.unique(np.concatenate(rows), axis=0)
+
     def _collisions(self, X):
         import ipctk
 
+        kinds = ipctk.NormalCollisions.CollisionSetType
         found = ipctk.NormalCollisions()
-        found.collision_set_type = ipctk.NormalCollisions.CollisionSetType.OGC
+        # Offsets of whole panels know no edges within them; on a mesh their forces jump from face
+        # to face, which the plain potential's don't.
+        found.collision_set_type = kinds.OGC if self._reach is None else kinds.IPC
         found.build(self._mesh, X, self.gap, self.gap)
         return found
 
@@ -201,6 +233,28 @@ class Touch:
         force = force.reshape(-1, 3)
         if order < 2:
             return Evaluation(energy, force)
-        H = sp.csr_array(self._potential.hessian(close, self._mesh, X))
-        K = sp.csr_array(self._map.T @ H @ self._map)
-        return Evaluation(energy, force, on_graph(self.graph, K), own=True)
+        H = self._potential.hessian(close, self._mesh, X)
+        return Evaluation(energy, force, self._blocks(H), own=True)
+
+    def extrapolated(self, u: np.ndarray, du: np.ndarray, e: float) -> tuple[()]:
+        """Far from a solution a tangent does better without what contact takes from it."""
+        return self.convex
+
+    def under(self, convex: tuple[()], u: np.ndarray, e: float) -> np.ndarray:
+        """What the stiffness at u would have more, as blocks, if no pair's part of it were negative
+        in any direction: its force over its distance softens what moves aside, by far too much
+        where a step went deep into the barrier."""
+        import ipctk
+
+        X = self._vertices(u)
+        close = self._collisions(X)
+        if not len(close):
+            return np.zeros((self.graph.blocks, 3, 3))
+        clamped = self._potential.hessian(
+            close, self._mesh, X, project_hessian_to_psd=ipctk.PSDProjectionMethod.CLAMP
+        )
+        return self._blocks(clamped - self._potential.hessian(close, self._mesh, X))
+
+    def _blocks(self, H) -> np.ndarray:
+        """A matrix of the corners (3 v, 3 v) on the graph of the nodes."""
+        return on_graph(self.graph, sp.csr_array(self._map.T @ sp.csr_array(H) @ self._map))

@@ -1,5 +1,7 @@
 """What the full solid says of a structure: its verdict, its error, and what it can't tell."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from crease_patterns import for_angle, structure, two_panels
@@ -25,7 +27,8 @@ def test_two_panels_fold_and_their_last_state_is_written(tmp_path):
     assert len(said) == 2 and said[1] == f"solid: {result.unknowns} unknowns"
     row = result.row()
     assert row["angles"] == result.angles.tolist() and row["core_seconds"] > 0
-    assert result.folding.model.effects == ("gravity", "ground")
+    assert result.folding.model.effects == ("gravity", "ground", "contact")
+    assert row["contraction_reached"] == 1.0 and result.folding.last.clearance == np.inf
     save_solid(result.folding, tmp_path / "solid.vtu")
     import pyvista
 
@@ -35,6 +38,26 @@ def test_two_panels_fold_and_their_last_state_is_written(tmp_path):
     moved = grid.points + grid.point_data["displacement"]
     # Both panels rise.
     assert np.ptp(moved[:, 2]) > 2 * np.ptp(grid.points[:, 2])
+
+
+def test_where_panels_meet_the_answer_is_what_they_had_folded_by(monkeypatch):
+    from solver.cases.structure import path
+
+    followed = path.fold
+
+    def fold(model, *, meet):
+        assert meet is False
+        whole = followed(model)
+        return replace(whole, states=whole.states[:-1], ending=path.Ending.STOPPED)
+
+    monkeypatch.setattr(path, "fold", fold)
+    result = solid(made(), (), need=0.01)
+    assert result.foldable is True and 0 < result.contraction < 1
+    assert result.reason.endswith(
+        f"panels meet at {100 * result.contraction:.3g} % of the contraction"
+    )
+    assert result.row()["contraction_reached"] == result.contraction
+    assert result.angles[0] < 0.59
 
 
 def test_a_path_without_time_is_unknown():

@@ -1,9 +1,13 @@
 """Structures as solids: their mesh, and that two panels do what a unit does."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
+import scipy.sparse as sp
+from proofs import prove
 
-from solver.cases.structure import sheet, solid
+from solver.cases.structure import path, sheet, solid
 from solver.cases.structure.hinges import Layer
 from solver.cases.structure.parts import Structure
 from solver.cases.structure.path import Ending, fold
@@ -163,8 +167,8 @@ def test_steps_turn_panels_and_rows_and_come_back():
 @pytest.mark.parametrize(
     "options, told",
     [
-        ({"effects": ("gravity",)}, "gravity and ground together"),
-        ({"effects": ("gravity", "ground", "contact")}, "known to the fast level only"),
+        ({"effects": ("gravity",)}, "weight and ground come together"),
+        ({"effects": ("friction",)}, "expected some of gravity, ground, contact"),
         ({"growth": "odd"}, "uniaxial or isotropic"),
     ],
 )
@@ -198,3 +202,77 @@ def test_places_are_where_they_are_said_to_be(level):
         there = model.sheet.at(k, places) @ model.body.nodes
         np.testing.assert_allclose(there[:, :2], places, atol=1e-9)
         np.testing.assert_allclose(there[:, 2], 0, atol=1e-12)
+
+
+def closing(model, shift):
+    """The second of two panels turned over the first, in units of the pattern's extent."""
+    X, u = model.body.nodes, np.zeros_like(model.body.nodes)
+    own = np.unique(model.body.cells[model.sheet.panel == 1])
+    c, s = np.cos(np.pi - 0.05), np.sin(np.pi - 0.05)
+    askew = np.array([[0.99, -0.141, 0], [0.141, 0.99, 0], [0, 0, 1]])
+    u[own] = X[own] @ (askew @ [[c, 0, -s], [0, 1, 0], [s, 0, c]]).T + shift - X[own]
+    return u + 1e-4 * np.random.default_rng(3).standard_normal(u.shape)
+
+
+def test_the_middle_surface_is_the_panels():
+    structure = made(vertex())
+    grid = sheet.mesh(structure, 1)
+    corners, panels, faces = grid.middle()
+    X = corners @ grid.body.nodes
+    assert np.abs(X[:, 2]).max() < 1e-12 and len(np.unique(faces)) == len(X)
+    assert (panels[faces] == panels[faces[:, :1]]).all()
+    a, b = X[faces[:, 1]] - X[faces[:, 0]], X[faces[:, 2]] - X[faces[:, 0]]
+    area = np.abs(np.cross(a, b)[:, 2]) / 2
+    for k, outline in enumerate(structure.pattern.panels):
+        p, q = outline, np.roll(outline, -1, axis=0)
+        drawn = (p[:, 0] * q[:, 1] - p[:, 1] * q[:, 0]).sum() / 2
+        own = panels[faces[:, 0]] == k
+        assert area[own].sum() == pytest.approx(drawn / structure.pattern.extent**2)
+
+
+def test_contact_of_a_solid_has_a_potential_and_a_tangent_without_what_it_takes_away():
+    model = solid.build(made(strip((0.5, 1))), ("contact",), level=0)
+    u = closing(model, (0.72, 0.004, -0.004))
+    touch = model.contact.moved(u)
+    assert 0 < touch.distance(u) < touch.gap and touch.moved(u).graph is touch.graph
+    assert model.contact.distance(0 * u) == np.inf and model.contact.moved(0 * u) is not touch
+    prove(touch, u, 0.0, step=1e-8, rtol=1e-5)
+    own = touch.evaluate(u, 0.0).stiffness
+    nodes = np.flatnonzero(np.abs(touch.evaluate(u, 0.0, 1).force).sum(axis=1))
+    lowest = []
+    for blocks in (own, own + touch.under((), u, 0.0)):
+        rows = [
+            sp.csr_array((blocks[:, i, j], touch.graph.indices, touch.graph.indptr))[nodes][
+                :, nodes
+            ]
+            for i in range(3)
+            for j in range(3)
+        ]
+        K = np.block([[rows[3 * i + j].toarray() for j in range(3)] for i in range(3)])
+        values = np.linalg.eigvalsh((K + K.T) / 2)
+        lowest.append(values[0] / values[-1])
+    assert lowest[0] < -1e-6 and lowest[1] > -1e-12
+
+
+def strong():
+    """A strip whose layer would turn it by 222° if its panels passed through each other."""
+    layer = replace(LAYER, E=1.0, h=0.02, contraction=0.35)
+    return solid.build(replace(made(strip((0.5, 1)), layer), g=0.0), ("contact",), level=0)
+
+
+def test_panels_press_on_each_other_and_bend():
+    folding = fold(strong(), meet=False)
+    assert folding.ending is Ending.REACHED and folding.last.unstable == 0
+    met = next(s.angles[0] for s in folding.states if np.isfinite(s.clearance))
+    assert np.radians(196) < met < np.radians(203)
+    # Near the hinge they turn on, as they bend.
+    assert folding.last.angles[0] == pytest.approx(np.radians(211.6), abs=0.02)
+    assert 0 < folding.last.clearance < 0.02
+
+
+def test_a_sheet_that_closes_stops_where_its_panels_meet(monkeypatch):
+    steps = path.LoadSteps
+    monkeypatch.setattr(path, "LoadSteps", lambda **k: steps(**k | {"max_iterations": 4}))
+    folding = fold(strong(), meet=False)
+    assert folding.ending is Ending.STOPPED and "panels met" in folding.detail
+    assert np.radians(190) < folding.last.angles[0] < np.radians(202) and 0.85 < folding.last.e < 1
