@@ -1,12 +1,15 @@
 """What panels touch: proofs by differences, gaps that are kept, steps that are cut."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from crease_patterns import folded, structure, two_panels
 from proofs import prove
 from pytest import approx
 
-from solver.cases.structure.model import build
+from solver.cases.structure.model import build, held
+from solver.equilibrium.at_load import Mixed
 
 H = 4e-3
 
@@ -23,12 +26,12 @@ def heavy():
     return build(structure(two_panels()))
 
 
-def above(model, angle, shift):
+def above(model, angle, shift, noise=1e-4):
     """The second panel turned over the first one."""
     X, u = model.body.nodes, np.zeros((8, 3))
     c, s = np.cos(angle), np.sin(angle)
     u[4:] = X[4:] @ np.array([[c, 0, -s], [0, 1, 0], [s, 0, c]]).T + shift - X[4:]
-    return u + 1e-4 * np.random.default_rng(3).standard_normal((8, 3))
+    return u + noise * np.random.default_rng(3).standard_normal((8, 3))
 
 
 def test_contact_has_a_potential(model):
@@ -104,3 +107,15 @@ def test_panels_that_are_too_close_already_are_not_told_on_the_standard_output(m
     into[4:, 2] -= model.contact.distance(u) + 0.5 * model.contact.gap
     assert model.contact.longest_step(into, u - into) == 0.0
     assert capfd.readouterr() == ("", "")
+
+
+def test_far_from_a_solution_contact_takes_nothing_from_the_tangent(model):
+    # Corners of one panel a hair from an edge of the other one push it by far too much.
+    u = above(model, np.pi - 0.05, (-0.2, 0.013, 0.0002), noise=0.0)
+    near = replace(model, contact=model.contact.moved(u))
+    terms = [near.contact if t.name == "contact" else t for t in model.scene.terms]
+    scene = held(near, terms, u)
+    x = scene.unknowns(u)
+    guided = Mixed(scene, 0.0, 1e-8)
+    own, other = scene.system(x, 0.0).unstable, guided.linearise(x).system.unstable
+    assert own > other and not guided.plain
