@@ -105,8 +105,8 @@ def scene(
     """Contraction e·g of the active layer, along y (``uniaxial``) or in all directions.
 
     A quarter is held by its mirror planes x = 0 and y = 0, and one node along z; the whole unit by
-    rows against rigid motion, or (``supported``) by six components of three nodes, which conjugate
-    gradients can take too. Raises ValueError for another growth.
+    rows against rigid motion, or (``supported``) by six components of three nodes, as conjugate
+    gradients need it for linear elements. Raises ValueError for another growth.
     """
     active = body.cells_where(lambda X: X[:, 2] > PASSIVE)
     if growth == "uniaxial":
