@@ -13,8 +13,9 @@ def test_a_crossing_is_where_the_ratio_falls_below_one_for_good():
     assert methods.crossing(n, (n / 5000) ** -0.5) == pytest.approx(5000)
     assert methods.crossing(n, [0.5, 0.4, 0.9]) == pytest.approx(1000)
     assert methods.crossing(n, [0.5, 0.4, 1.1]) is None
-    # Twice: the later one, between 1e4 and 1e5, halfway in logarithms.
-    assert methods.crossing(n, [0.5, 2.0, 0.5]) == pytest.approx(10**4.5)
+    # Twice: the last one, between 1e5 and 1e6, halfway in logarithms.
+    found = methods.crossing([1e3, 1e4, 1e5, 1e6], [2.0, 0.5, 2.0, 0.5])
+    assert found == pytest.approx(10**5.5)
 
 
 @pytest.mark.parametrize(
