@@ -72,12 +72,19 @@ class Tissue:
 
 @dataclass(frozen=True)
 class State:
-    """Pressure over E_ep and the muscle's contraction g, −1 < g (negative shortens)."""
+    """Pressure over E_ep, the muscle's contraction g, −1 < g (negative shortens), and how far the
+    epithelium proliferates: its lengths, unhindered, grow by this fraction, (1 + q) I, −1 < q."""
 
     pressure: float
     contraction: float = 0.0
+    proliferation: float = 0.0
 
     def __post_init__(self):
+        if not (self.proliferation > -1 and np.isfinite(self.proliferation)):
+            raise ValueError(
+                f"proliferation {self.proliferation}; expected a finite number above -1 (0.1 makes "
+                "what is free a tenth longer)"
+            )
         if not np.isfinite(self.pressure) or not self.contraction > -1:
             raise ValueError(
                 f"pressure {self.pressure}, contraction {self.contraction}; expected a finite "
@@ -179,6 +186,9 @@ def staged(
         if not muscle.any():
             raise ValueError("a contraction but no muscle; give the lung a cage or contract by 0")
         growth = _growth(body, lung, tissue, contractions, muscle)
+    proliferation = [state.proliferation for state in states]
+    if any(proliferation):
+        growth = _proliferating(body.weights.shape, growth, proliferation, muscle)
     E = np.where(muscle, tissue.stiffness, 1.0)
     wall = body.surface("inner")
     if tissue.model == "advanced":
@@ -200,6 +210,18 @@ def between(values: Sequence[float], e: float) -> float:
     """What goes straight from value to value, the next one at each whole e, and on beyond both."""
     k = min(max(int(np.floor(e)), 0), len(values) - 2)
     return values[k] + (e - k) * (values[k + 1] - values[k])
+
+
+def _proliferating(shape, growth: Growth | None, values: Sequence[float], muscle) -> Growth:
+    """(1 + q) I in the epithelium beside the muscle's growth; ``shape`` (m, q) of the points."""
+
+    def tensor(e: float) -> np.ndarray:
+        F = np.broadcast_to((1 + between(values, e)) * np.eye(3), (*shape, 3, 3)).copy()
+        own = np.eye(3) if growth is None else growth.tensor(e, shape)
+        F[muscle] = np.broadcast_to(own, F.shape)[muscle]
+        return F
+
+    return General(tensor)
 
 
 def _growth(body, lung, tissue, contractions: Sequence[float], muscle: np.ndarray) -> Growth:
