@@ -206,7 +206,7 @@ def against_solids(config: Config):
     """Rigid panels against the whole sheet as a solid, which bends: weight and ground, hinges that
     would turn by some 80° alone. Off: the largest of a pattern's hinges, as a ratio to the largest
     angle of its solid; error: that of the solid, likewise."""
-    layer, rows = replace(ACTIVE, contraction=0.19), []
+    layer, rows, acting = replace(ACTIVE, contraction=0.19), [], ("gravity", "ground")
     for name in config.solids:
         if name in SHIPPED:
             pattern = read_pattern(name).pattern(0.005)
@@ -215,9 +215,9 @@ def against_solids(config: Config):
             pattern = Pattern(0.06 * pattern.vertices, pattern.faces, [Crease((1, 4), 1, 0.005)])
         body = from_labels(Structure.of(pattern, SHEET, layer))[0]
         start = core_seconds()
-        fast = answer(body, upright=True, timeout=config.timeout)
+        fast = answer(body, acting, upright=True, timeout=config.timeout)
         fast_seconds = core_seconds() - start
-        whole = solid(body, upright=True, level=config.level, timeout=5 * config.timeout)
+        whole = solid(body, acting, upright=True, level=config.level, timeout=5 * config.timeout)
         row = {
             "pattern": name,
             "fast": fast.evidence["outcome"],

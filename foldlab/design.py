@@ -186,6 +186,10 @@ class DesignSpace:
         if len(designs) == 0:
             raise InputError("the table of designs is empty; give at least one row")
         there = list(designs.columns)
+        if there == self.names and set(designs.dtypes) == {np.dtype(float)}:
+            values = designs.to_numpy()
+            if self._sound(values, bounds):
+                return pd.DataFrame(values, columns=there, index=designs.index, copy=True)
         self._complete(there)
         columns = {}
         for p in self.parameters:
@@ -223,6 +227,21 @@ class DesignSpace:
                 f"{', '.join(map(str, columns)) or 'no columns'}; "
                 f"the {self.name} space needs {', '.join(self.names)}"
             )
+
+    def _sound(self, values: np.ndarray, bounds: bool) -> bool:
+        """Whether :meth:`_check` has nothing to say of any column of values (n, groups)."""
+        log = [p.scale == "log" for p in self.parameters]
+        whole = [p.whole for p in self.parameters]
+        sound = np.isfinite(values).all() and (values[:, log] > 0).all()
+        sound = sound and (values[:, whole] == np.rint(values[:, whole])).all()
+        if not (sound and bounds):
+            return bool(sound)
+        low, high = (
+            np.array([getattr(p, end) for p in self.parameters]) for end in ("low", "high")
+        )
+        # As outside bounds, for either sign.
+        below, above = values < low * (1 - BOUND_RTOL), values > high * (1 + BOUND_RTOL)
+        return not (below | above).any()
 
     @staticmethod
     def _check(p: Parameter, values: np.ndarray, bounds: bool) -> None:

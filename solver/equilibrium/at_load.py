@@ -110,11 +110,14 @@ class Mixed(AtLoad):
         # Chords move on from where the stresses belong to.
         self.plain = z is not self._where
         linear = self._linear(z, None if self.plain else self._stresses)
-        if not self.plain or linear is None or self.scene.convex is None:
+        convex = None
+        if self.plain and linear is not None:
+            convex = self.scene.convex(z, self._e)
+        if convex is None:
             return linear
         with suppress(SingularMatrix):
             self.plain = linear.system.unstable == 0
-        return linear if self.plain else self._linear(z, self.scene.convex)
+        return linear if self.plain else self._linear(z, convex)
 
     def step(self, system, solve, z, dz, longest):
         self._steps += 1

@@ -33,9 +33,10 @@ def around(scene: Scene, solve: Callable, x: np.ndarray, dx: np.ndarray, e: floa
     """
     barriers = [term for term in scene.terms if hasattr(term, "distances")]
     others = [t for t in scene.terms if hasattr(t, "longest_step") and t not in barriers]
-    if others or not barriers:
-        return dx
     u = scene.displacement(x, e)
+    du = scene.step_displacement(dx) if others else None
+    if not barriers or any(term.longest_step(u, du) < 1 for term in others):
+        return dx
     distances = [term.distances(u) for term in barriers]
     s = np.concatenate(distances)
     reaches = np.concatenate(

@@ -81,10 +81,15 @@ def newton(
     spent = 0
     if unstable == 0 and any(hasattr(term, "extrapolated") for term in scene.terms):
         mixed = Mixed(scene, e, rtol)
-        # Contact takes its time to find out what touches.
-        most = min(max_iterations, MIXED if scene.convex is None else 2 * MIXED)
+        most = min(max_iterations, MIXED)
         result = iterate(mixed, x, rtol=rtol, max_iterations=most, fresh=fresh)
         spent = result.iterations
+        more = min(max_iterations - spent, MIXED)
+        if result.outcome is Outcome.NOT_CONVERGED and more and scene.convex(result.x, e):
+            # Contact takes its time to find out what touches.
+            result = iterate(mixed, result.x, rtol=rtol, max_iterations=more, fresh=fresh)
+            spent += result.iterations
+            result = replace(result, iterations=spent)
         if result.converged and not mixed.plain:
             # What is stable, and where a path goes on to, is told by the state's own stiffness.
             return replace(result, system=scene.system(result.x, e))

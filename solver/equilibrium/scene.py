@@ -342,11 +342,17 @@ class Scene:
             dyads = np.stack([np.sqrt(c) * self.pulls(g) for c, g in part.dyads], axis=1)
         return System(self, R, self.frame.pattern.gather(blocks), part.energy, dyads)
 
-    @property
-    def convex(self) -> list | None:
-        """What :meth:`system` takes as stresses where terms that can are to add nothing negative
-        to the tangent; None where there is no such term."""
-        kept = [getattr(term, "convex", None) for term in self.terms]
+    def convex(self, x: np.ndarray, e: float) -> list | None:
+        """What :meth:`system` takes as stresses where terms that act at x and can are to add
+        nothing negative to the tangent; None where there is no such term."""
+        able = [hasattr(term, "convex") for term in self.terms]
+        if not any(able):
+            return None
+        u = self.displacement(x, e)
+        kept = [
+            term.convex if can and term.acts(u) else None
+            for term, can in zip(self.terms, able, strict=True)
+        ]
         return None if all(own is None for own in kept) else kept
 
     def extrapolated(self, x: np.ndarray, dx: np.ndarray, e: float) -> list[np.ndarray | None]:

@@ -251,3 +251,36 @@ def test_strips_in_si_and_back():
         to_physical(half, E_s=1e6, rho_s=1e3, l_s=0.05)
     with pytest.raises(InputError, match="whole n"):
         to_groups(si.assign(b_i=1.05 * si["b_i"]))
+
+
+@pytest.mark.parametrize(
+    "change, told",
+    [
+        ({"E_ratio": np.nan}, "E_ratio is nan"),
+        ({"h_ratio": 0.0}, "must be above 0"),
+        ({"aspect": 1.001}, "outside 0.05 … 1"),
+        ({"contraction": 0.0199}, "outside 0.02 … 0.4"),
+    ],
+)
+def test_a_table_of_nothing_but_groups_is_checked_as_any_other(change, told):
+    designs = FULL.sample(5, seed=0)
+    kept = FULL.validate(designs)
+    assert kept.equals(designs) and kept is not designs
+    kept.iloc[0, 0] = -1.0
+    assert (designs > 0).all(axis=None)
+    ((name, value),) = change.items()
+    designs.loc[3, name] = value
+    for table in (designs, designs.assign(note="x")):
+        with pytest.raises(InputError, match=told):
+            FULL.validate(table)
+
+
+def test_bounds_can_be_left_out_and_widths_of_strips_come_whole():
+    designs = FULL.sample(2, seed=0).assign(aspect=1.5)
+    assert FULL.validate(designs, bounds=False).equals(designs)
+    patterned = PATTERNED.sample(3, seed=0)
+    assert PATTERNED.validate(patterned).equals(patterned.astype(float))
+    patterned = patterned.astype(float)
+    patterned.loc[1, "strips"] = 2.5
+    with pytest.raises(InputError, match="give whole numbers"):
+        PATTERNED.validate(patterned)

@@ -236,6 +236,10 @@ class Touch:
         H = self._potential.hessian(close, self._mesh, X)
         return Evaluation(energy, force, self._blocks(H), own=True)
 
+    def acts(self, u: np.ndarray) -> bool:
+        """Whether panels feel each other at u (n, 3)."""
+        return len(self._collisions(self._vertices(u))) > 0
+
     def extrapolated(self, u: np.ndarray, du: np.ndarray, e: float) -> tuple[()]:
         """Far from a solution a tangent does better without what contact takes from it."""
         return self.convex
