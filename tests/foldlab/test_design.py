@@ -278,6 +278,8 @@ def test_a_table_of_nothing_but_groups_is_checked_as_any_other(change, told):
 def test_bounds_can_be_left_out_and_widths_of_strips_come_whole():
     designs = FULL.sample(2, seed=0).assign(aspect=1.5)
     assert FULL.validate(designs, bounds=False).equals(designs)
+    with pytest.raises(InputError, match="must be above 0"):
+        FULL.validate(designs.assign(aspect=-1.0), bounds=False)
     patterned = PATTERNED.sample(3, seed=0)
     assert PATTERNED.validate(patterned).equals(patterned.astype(float))
     patterned = patterned.astype(float)
