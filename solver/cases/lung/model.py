@@ -165,11 +165,18 @@ def muscle_of(body: Body) -> np.ndarray:
 
 
 def staged(
-    body: Body, lung: Lung, tissue: Tissue, states: Sequence[State], *, linear: str = "auto"
+    body: Body,
+    lung: Lung,
+    tissue: Tissue,
+    states: Sequence[State],
+    *,
+    linear: str = "auto",
+    ball: Body | None = None,
 ) -> Scene:
     """As :func:`scene`, through several states in turn: e = k in state k, straight in between.
 
-    Raises ValueError for fewer than two states, too.
+    ``ball``: of a body that is no sphere the same mesh on one, from which fibres go along. Raises
+    ValueError for fewer than two states, and for blended fibres without a sphere, too.
     """
     if len(states) < 2:
         raise ValueError(f"{len(states)} states; expected two at least: where to start and end")
@@ -185,7 +192,7 @@ def staged(
     if any(contractions):
         if not muscle.any():
             raise ValueError("a contraction but no muscle; give the lung a cage or contract by 0")
-        growth = _growth(body, lung, tissue, contractions, muscle)
+        growth = _growth(body, lung, tissue, contractions, muscle, ball)
     proliferation = [state.proliferation for state in states]
     if any(proliferation):
         growth = _proliferating(body.weights.shape, growth, proliferation, muscle)
@@ -224,14 +231,22 @@ def _proliferating(shape, growth: Growth | None, values: Sequence[float], muscle
     return General(tensor)
 
 
-def _growth(body, lung, tissue, contractions: Sequence[float], muscle: np.ndarray) -> Growth:
+def _growth(
+    body, lung, tissue, contractions: Sequence[float], muscle: np.ndarray, ball: Body | None
+) -> Growth:
     def g(e: float) -> float:
         return between(contractions, e)
 
     if tissue.fibres == "isotropic":
         return Isotropic(g, cells=muscle)
     if tissue.fibres == "along":
-        return AlongFibre(g, fibre_directions(lung, body.points()), cells=muscle)
+        along = fibre_directions(lung, (ball or body).points())
+        if ball is not None:
+            carry = np.einsum("mki,mqkj->mqij", body.nodes[body.cells], ball.gradients)
+            along = unit(np.einsum("mqij,mqj->mqi", carry, along))
+        return AlongFibre(g, along, cells=muscle)
+    if ball is not None:
+        raise ValueError('blended fibres are known on the sphere only; take "along"')
     dyads = blended_fibres(lung, body.points())
     return General(lambda e: np.eye(3) + g(e) * dyads, cells=muscle)
 
