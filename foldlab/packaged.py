@@ -17,8 +17,8 @@ from types import ModuleType
 from foldlab.errors import InputError
 
 HERE = Path(__file__).resolve().parent
-# What stands beside the experiments and is none.
-SHARED = {"__init__", "common"}
+# What stands beside the experiments and is none; parts of one have names that begin with _.
+SHARED = "common"
 # The extra of pyproject.toml that has a library which a bare installation lacks.
 EXTRAS = {
     "torch": "learn",
@@ -95,7 +95,7 @@ def experiments() -> dict[str, str]:
 
     found = {}
     for path in sorted(_experiments()[1].glob("*.py")):
-        if path.stem not in SHARED:
+        if path.stem != SHARED and not path.stem.startswith("_"):
             said = ast.get_docstring(ast.parse(path.read_text(encoding="utf-8"))) or ""
             found[path.stem] = said.partition("\n\n")[0].replace("\n", " ")
     return found

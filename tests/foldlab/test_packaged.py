@@ -42,7 +42,7 @@ def wheel(tmp_path, monkeypatch):
 def test_experiments_are_listed_with_their_question_in_a_line():
     known = packaged.experiments()
     files = {path.stem for path in (ROOT / "experiments").glob("*.py")}
-    assert set(known) == files - {"__init__", "common"}
+    assert set(known) == {name for name in files if name[0] != "_"} - {"common"}
     assert known["problem_p"].startswith("Which element gives Problem P's fold angle")
     assert all(q and "\n" not in q for q in known.values())
 
@@ -72,7 +72,9 @@ def test_the_verb_runs_what_python_m_runs(monkeypatch, capsys, tmp_path):
     assert len(json.loads(capsys.readouterr().out)["experiments"]) > 20
 
 
-@pytest.mark.parametrize("name", ["common", "_lung", "nothing", "../setup"])
+@pytest.mark.parametrize(
+    "name", ["common", "_lung", "_solver_methods", "__init__", "nothing", "../setup"]
+)
 def test_what_is_no_experiment_is_refused(name):
     with pytest.raises(InputError, match=r"no experiment .*; there are: accuracy_calibration"):
         packaged.experiment(name)

@@ -187,7 +187,9 @@ def test_a_solve_can_be_cancelled_and_shows_its_shapes(page):
     page.keyboard.press("Enter")
     page.wait_for_selector("#shape[data-frame] canvas", timeout=SOON)
     told = page.inner_text("#solved")
-    assert "folds by 0.68" in told and "core-seconds" in told and "panels touch" in told
+    assert (
+        "folds by 39" in told and "°" in told and "core-seconds" in told and "panels touch" in told
+    )
     last = int(page.get_attribute("#shape", "data-frame"))
     assert page.inner_text("#frame-says").startswith("20 %: angle 39")
     page.focus("#frame")
