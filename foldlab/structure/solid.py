@@ -92,6 +92,9 @@ def solid(
         foldable, reason = _verdict(structure, angles, error, need)
         if folding.ending is Ending.STOPPED:
             reason += f", when panels meet at {100 * folding.last.e:.3g} % of the contraction"
+            if foldable is False:
+                # They may yet slide on.
+                foldable, reason = None, f"unknown: {reason}, and what they do then isn't followed"
     reached = folding.last.e if folding.states else 0.0
     size = folding.model.scene.size
     return Solid(foldable, reason, angles, error, reached, size, spent, folding)

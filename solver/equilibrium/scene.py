@@ -371,7 +371,7 @@ class Scene:
     def system_of(self, stiffness: np.ndarray) -> System:
         """A tangent given by its blocks on this scene's graph, such as that of a state which these
         supports don't hold: so the stability of a symmetric state is judged under others. Its
-        residual is 0."""
+        residual is 0, and it has no dyads: of blocks alone."""
         return System(self, np.zeros(self.size), self.frame.pattern.gather(stiffness))
 
     def load_rate(self, x: np.ndarray, e: float, step: float = 1e-6) -> np.ndarray | None:

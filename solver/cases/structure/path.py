@@ -18,7 +18,7 @@ from solver.paths.stable import StableSteps
 from solver.paths.steppers import LoadSteps
 
 MET = "panels met, and no state near by goes on from there"
-CUT = 0.05  # of a step, to which it is cut before panels are asked whether it is they
+LEAST = 0.05  # of a step, below which panels are asked whether it is they
 SLIDE = 3000  # iterations of a fall in which panels slide on each other
 
 
@@ -107,9 +107,11 @@ def fold(
                 return ended(Ending.TOO_LONG)
             model = model.anchored(point.x, point.e)
             target = next(t for t in marks if t > point.e)
-            after = None if meet else _straight(stepper.steps, model, point, target)
-            if isinstance(after, Ended):
-                return ended(Ending.STOPPED, MET)
+            after = None
+            if not meet and model.contact is not None:
+                after = _straight(stepper.steps, model, point, target)
+                if isinstance(after, Ended):
+                    return ended(Ending.STOPPED, MET)
             if after is None:
                 after = stepper.advance(model.scene, point, target)
             if isinstance(after, Ended):
@@ -124,7 +126,7 @@ def fold(
 def _straight(steps: LoadSteps, model: Model, point: Point, target: float) -> Point | Ended | None:
     """The next point by steps of the load, without a fall; Ended where there is none and panels bar
     the way, None where it is not they that do."""
-    after = replace(steps, smallest=CUT * 0.9).advance(model.scene, point, target)
+    after = replace(steps, smallest=LEAST).advance(model.scene, point, target)
     if isinstance(after, Point) and after.unstable == 0:
         return after
     ahead = min(steps.pace.now(point.control), target - point.e)
@@ -132,12 +134,9 @@ def _straight(steps: LoadSteps, model: Model, point: Point, target: float) -> Po
     u = model.scene.displacement(point.x, point.e)
     v = model.scene.displacement(model.scene.moved(point.x, change, point.e), point.e + ahead)
     touch = model.contact
-    barred = touch is not None and (
-        touch.longest_step(u, v - u) < 1 or np.isfinite(touch.distance(v))
-    )
-    return (
-        (after if isinstance(after, Ended) else Ended(Outcome.NO_STABLE_STATE)) if barred else None
-    )
+    if touch.longest_step(u, v - u) >= 1 and not np.isfinite(touch.distance(v)):
+        return None
+    return after if isinstance(after, Ended) else Ended(Outcome.NO_STABLE_STATE)
 
 
 def _slowly(stepper: StableSteps, model: Model, point: Point, target: float) -> Point | Ended:

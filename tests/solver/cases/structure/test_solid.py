@@ -276,3 +276,9 @@ def test_a_sheet_that_closes_stops_where_its_panels_meet(monkeypatch):
     folding = fold(strong(), meet=False)
     assert folding.ending is Ending.STOPPED and "panels met" in folding.detail
     assert np.radians(190) < folding.last.angles[0] < np.radians(202) and 0.85 < folding.last.e < 1
+
+
+def test_without_contact_a_path_asks_no_panels(monkeypatch):
+    monkeypatch.setattr(path, "_straight", None)
+    model = solid.build(made(strip((0.5, 1))), (), level=0)
+    assert fold(model, meet=False).ending is Ending.REACHED

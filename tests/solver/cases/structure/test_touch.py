@@ -119,3 +119,9 @@ def test_far_from_a_solution_contact_takes_nothing_from_the_tangent(model):
     guided = Mixed(scene, 0.0, 1e-8)
     own, other = scene.system(x, 0.0).unstable, guided.linearise(x).system.unstable
     assert own > other and not guided.plain
+    # Where nothing touches, nothing is looked at a second time.
+    apart = np.zeros(scene.size)
+    assert scene.convex(apart, 0.0) is None and scene.convex(x, 0.0) == [None, None, ()]
+    guided = Mixed(scene, 0.0, 1e-8)
+    guided.linearise(apart)
+    assert guided.plain
