@@ -22,11 +22,11 @@ import numpy as np
 
 from solver.equilibrium.scene import Scene
 from solver.fitting.elastic import States, Unreached, increasing
-from solver.fitting.field import Field, contracting, refused
+from solver.fitting.field import Field, contracted, contracting, refused
 from solver.given import numbers
 from solver.paths.sensitivity import Sensitivity
 from solver.physics.fields import Unphysical
-from solver.physics.growth import Apical, General
+from solver.physics.growth import General
 from solver.viscous.evolution import State, TimeSteps, march, start, stepped
 from solver.viscous.term import Memory, Past, Viscous, viscous
 
@@ -140,9 +140,7 @@ class Creep:
         beta = self.field.values(p, self.points)
         if why := refused(beta):
             return Unreached(why, 0.0)
-        growth = Apical(self._term.growth.g, beta, cells=self._term.growth.cells)
-        term = self._term.with_growth(growth)
-        scene = self.scene.with_terms([term if t is self._term else t for t in self.scene.terms])
+        scene = contracted(self.scene, self._term, beta)
         states, ends = [start(scene, e=self.load(0.0))], []
         for t in times:
             walk = march(scene, states[-1], self.stepper, until=t, load=self.load)

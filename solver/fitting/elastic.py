@@ -16,13 +16,12 @@ import numpy as np
 
 from solver.equilibrium.newton import newton
 from solver.equilibrium.scene import Scene, System
-from solver.fitting.field import Field, contracting, gathered, refused, spread
+from solver.fitting.field import Field, contracted, contracting, gathered, refused, spread
 from solver.given import number, numbers
 from solver.paths.continuation import load, trace
 from solver.paths.sensitivity import Sensitivity
 from solver.paths.steppers import LoadSteps
 from solver.physics.fields import Unphysical
-from solver.physics.growth import Apical
 
 CORRECTIONS = 12  # iterations from a state nearby; beyond, the path from rest is followed
 
@@ -112,9 +111,7 @@ class Equilibria:
         beta = self.field.values(p, self.points)
         if why := refused(beta):
             return Unreached(why, 0.0)
-        growth = Apical(self._term.growth.g, beta, cells=self._term.growth.cells)
-        term = self._term.with_growth(growth)
-        scene = self.scene.with_terms([term if t is self._term else t for t in self.scene.terms])
+        scene = contracted(self.scene, self._term, beta)
         found = None if near is None else self._beside(scene, p, loads, near)
         if found is None:
             found = self._from_rest(scene, loads)

@@ -6,6 +6,7 @@ from typing import Protocol
 
 import numpy as np
 
+from solver.equilibrium.scene import Scene
 from solver.mesh.body import Body
 from solver.physics.elastic import Elastic
 from solver.physics.growth import Apical
@@ -60,6 +61,13 @@ def contracting(terms) -> Elastic:
             "looked for"
         )
     return found[0]
+
+
+def contracted(scene: Scene, term: Elastic, beta: np.ndarray) -> Scene:
+    """The scene whose contracting term has another beta (cells, points)."""
+    growth = Apical(term.growth.g, beta, cells=term.growth.cells)
+    other = term.with_growth(growth)
+    return scene.with_terms([other if t is term else t for t in scene.terms])
 
 
 def refused(beta: np.ndarray) -> str:
