@@ -4,8 +4,7 @@
 of e = load(t); what remembers are the :class:`solver.viscous.term.Viscous` terms of the scene, each
 of which is replaced by its successor at every step, and terms that learn from accepted states, such
 as seals. A state holds all that the next step needs, so one that was saved continues to the
-identical path. States, steps and their errors use each other's
-levels and stay in one file.
+identical path. States, steps and their errors use each other's levels and stay in one file.
 """
 
 from __future__ import annotations

@@ -112,7 +112,8 @@ def test_it_minds_a_wall_beside_the_floor():
     assert (down < floor).any() and (down >= floor).any()
 
 
-def test_a_barrier_of_another_kind_leaves_the_step_to_the_line_search():
+@pytest.mark.parametrize("admits", [0.5, 1.0])
+def test_a_barrier_of_another_kind_leaves_the_step_to_the_line_search_if_it_bars_it(admits):
     class Other:
         name, graph, symmetric = "other", None, True
 
@@ -120,11 +121,15 @@ def test_a_barrier_of_another_kind_leaves_the_step_to_the_line_search():
             return Evaluation(0.0, np.zeros(()))
 
         def longest_step(self, u, du):
-            return 0.5
+            assert u.shape == du.shape == scene.body.nodes.shape
+            return admits
 
     scene = beam(more=[Other()])
     x, _, solve, dx = fall(scene)
-    assert around(scene, solve, x, dx, 1.0) is dx
+    step = around(scene, solve, x, dx, 1.0)
+    assert (step is dx) is (admits < 1)
+    if admits == 1:
+        assert (step == around(beam(), solve, x, dx, 1.0)).all()
 
 
 def test_a_thin_beam_lies_down_in_a_few_iterations(monkeypatch):
