@@ -192,7 +192,8 @@ class DesignSpace:
             values = np.column_stack([self._column(designs, name) for name in self.names])
         for p, column in zip(self.parameters, values.T, strict=True):
             self._check(p, column, bounds)
-        return pd.DataFrame(values, columns=self.names, index=designs.index)
+        columns = dict(zip(self.names, values.T, strict=True))
+        return pd.DataFrame(columns, index=designs.index)
 
     @staticmethod
     def _column(designs: pd.DataFrame, name: str) -> np.ndarray:
